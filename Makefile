@@ -27,7 +27,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants hostile bench oracle aarch64 wheel deb arm64 vm pi board fresh clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile bench oracle aarch64 wheel deb arm64 vm pi board fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -41,12 +41,16 @@ compile = log=$$(cmake -G Ninja -S . -B $(1) $(2) 2>&1) || { echo "$$log" >&2; e
 build: setup  ## compile firmware, library and tests into build/
 	@$(call compile,$(BUILD),$(if $(WERROR),$(STRICT),-DRUFFINI_WERROR=OFF))
 
-run: build  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the digital twin without INPUT
+# What it and the page of `ruffini view` run, and no test.
+RUN := ruffinid ruffini ruffini_schema ruffini_page
+run: setup  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the digital twin without INPUT
+	@$(call compile,$(BUILD),$(if $(WERROR),$(STRICT),-DRUFFINI_WERROR=OFF),$(RUN))
 	@.venv/bin/ruffini demo --board '$(BOARD)' --out '$(OUT)' $(if $(INPUT),--input '$(INPUT)') $(if $(PRESSES),--presses '$(PRESSES)')
 
 # Test modules run longest first, by what each took last time; each stays with one worker, whose fixtures it shares.
 # Bytecode is kept also where the environment forbids it: pytest's own of the tests takes six seconds in every worker.
-PYTEST = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) \
+# A third of a worker's time it waits for daemons, pages and shells: one worker more than cores uses it.
+PYTEST = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $$(($(JOBS) + 1)) \
   --dist loadfile --no-loadscope-reorder --durations 10 --durations-min 1
 ONLY ?=
 ifdef ONLY
@@ -71,17 +75,23 @@ test-realtime: build  ## the few tests that are about real time, one after the o
 
 # RUFFINI_READMES_TURN=0/2: the first, third, fifth... of them; 1/2: the others.
 EXTRA_TESTS = tests/py/train tests/e2e/test_learned_network.py tests/e2e/test_recordings.py tests/e2e/test_rerun.py
-readmes: build  ## the commands of all READMEs that need no board and take minutes, word for word; what takes hours with --quick and the tests of what needs the extras (6 GB)
+readmes: build  ## the commands of all texts that need no board and take minutes, word for word; what takes hours with --quick and the tests of what needs the extras (6 GB)
 	@.ci/setup browser
 	@.ci/setup extras
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -rs $(EXTRA_TESTS)
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -vv --durations 0 tests/e2e/test_long_commands.py
 
-lint: lint-python lint-page lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
+lint: lint-docs lint-python lint-page lint-cpp werror  ## spelling, formatters, linters, types, and a build where warnings are errors
+
+docs: build  ## the documentation as a static site in build/docs/site: links and anchors checked, opens from the file system
+	@$(PYTHON) docs/build_site.py $(BUILD)/docs
+
+lint-docs: setup  ## spelling of the texts and comments
+	@git ls-files -z '*.md' '*.py' '*.h' '*.cpp' '*.proto' '*.toml' '*.ts' Makefile CMakeLists.txt | xargs -0 .venv/bin/codespell --ignore-words docs/vocabulary.txt
 
 lint-python: setup  ## ruff and mypy --strict
-	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests
-	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests
+	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests docs
+	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests docs
 	@$(PYTHON) -m mypy --config-file host/pyproject.toml host/ruffini host/papers
 
 lint-page: build  ## types of the page, strict

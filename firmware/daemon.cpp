@@ -11,42 +11,42 @@ namespace {
 
 constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spare
 constexpr int kLinkPollMs = 2;
-constexpr uint64_t kComputerUs = 1'000'000;  // between readings of what the computer says of itself
-constexpr uint64_t kDrainUs = 2'000'000;     // how long an ended recording waits for a reader that takes nothing
-constexpr uint64_t kQuietUs = 100'000;       // a tty that looks empty may be about to be filled by the kernel
-constexpr auto kReopenPause = std::chrono::milliseconds(10);  // a host that is back waits no longer
+constexpr uint64_t kBoardHealthUs = 1'000'000;  // interval of reading the board's health
+constexpr uint64_t kDrainUs = 2'000'000;        // limit for an ended recording whose reader accepts nothing
+constexpr uint64_t kQuietUs = 100'000;          // a tty that appears empty may still get data from the kernel
+constexpr auto kReopenPause = std::chrono::milliseconds(10);  // short, so that a host that returns does not wait
 
 }  // namespace
 
-Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Surroundings around, Calibrator& calibrator,
-               Exchange& exchange, DeviceIdentity identity, const DaemonOptions& options)
+Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, DaemonDevices devices,
+               Calibrator& calibrator, Exchange& exchange, DeviceIdentity identity, const DaemonOptions& options)
     : board_(board),
       path_(std::move(path)),
-      around_(std::move(around)),
+      devices_(std::move(devices)),
       exchange_(exchange),
       identity_(std::move(identity)),
       options_(options),
       reflex_(board.reflex),
-      liveness_(around_.io->watchdog_us()),
-      session_(board_, *path_, identity_, calibrator, exchange_, {around_.clock, around_.random, options.is_open}),
+      liveness_(devices_.io->watchdog_us()),
+      session_(board_, *path_, identity_, calibrator, exchange_, {devices_.clock, devices_.random, options.is_open}),
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
       outgoing_(kTelemetryRingBytes),
       pool_(kBuffers + (options.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px),
-      moved_us_(around_.clock.now_us()),
-      owed_us_(moved_us_),
-      computer_us_(moved_us_) {
-  path_->set_live(!around_.camera->is_replay());
-  if (options.keep_rest && !around_.camera->is_replay()) {
-    path_->expect_rest(options.known_rest);
-    rest_to_keep_.resize(path_->rest_image().size());
+      last_output_us_(devices_.clock.now_us()),
+      last_pending_us_(last_output_us_),
+      board_health_us_(last_output_us_) {
+  path_->set_live(!devices_.camera->is_replay());
+  if (options.save_rest && !devices_.camera->is_replay()) {
+    path_->expect_rest(options.previous_rest);
+    rest_to_save_.resize(path_->rest_image().size());
   } else {
-    options_.keep_rest = {};
+    options_.save_rest = {};
   }
   if (!board.reflex.line.empty()) {
-    exchange_.reflex = around_.io->has_reflex() ? ReflexState::kOff : ReflexState::kFailed;
+    exchange_.reflex = devices_.io->has_reflex() ? ReflexState::kOff : ReflexState::kFailed;
   }
-  read_computer();  // before the first frame: rest is learned at a temperature
+  read_board_health();  // before the first frame, because rest is learned at a temperature
   if (!options.network) return;
   exchange_.network.is_asked = true;
   network_ = std::make_unique<Inference>(options.network, pool_, kBuffers + Inference::kBuffers, exchange_.network,
@@ -58,9 +58,9 @@ void Daemon::run(const std::atomic<bool>& stop) {
   std::thread capture([this] { capture_loop(); });
   std::thread frame([this] { frame_loop(); });
   link_loop();
-  around_.io->tell_manager("STOPPING=1");
+  devices_.io->notify_manager("STOPPING=1");
   is_done_ = true;
-  // Frees whoever still waits: the capture thread for room, the frame thread for a frame.
+  // Wakes the capture thread, which may wait for room, and the frame thread, which may wait for a frame.
   if (const std::optional<int> left = mailbox_.close()) pool_.give_back(*left);
   capture.join();
   frame.join();
@@ -68,7 +68,7 @@ void Daemon::run(const std::atomic<bool>& stop) {
 
 void Daemon::begin(const char* role) {
   RunRecord::name_thread(role);
-  if (options_.begun) options_.begun(role);
+  if (options_.on_thread_start) options_.on_thread_start(role);
 }
 
 void Daemon::capture_loop() {
@@ -80,21 +80,21 @@ void Daemon::capture_loop() {
   }
   while (!is_stopping() && !mailbox_.is_closed() && capture_once()) continue;
   exchange_.is_camera_live = false;
-  mailbox_.wait_empty();  // the last frame is taken, too
+  mailbox_.wait_empty();  // so that the last frame is taken, too
   mailbox_.close();
 }
 
 bool Daemon::capture_once() {
   using namespace std::chrono_literals;
   exchange_.is_camera_live = !options_.is_lockstep;
-  ++exchange_.capture_turns;
+  ++exchange_.capture_iterations;
   const std::optional<int> index = pool_.lend();
   if (!index) {
     std::this_thread::sleep_for(100us);
     return true;
   }
   FrameLease lease(pool_, *index);
-  const CaptureStatus status = around_.camera->capture(pool_[*index]);
+  const CaptureStatus status = devices_.camera->capture(pool_[*index]);
   if (status == CaptureStatus::kEnd) return false;
   if (status == CaptureStatus::kNothing) return true;
   ++exchange_.frames_captured;
@@ -116,9 +116,9 @@ bool Daemon::capture_once() {
 
 bool Daemon::take_in_order(FramePool::Buffer& buffer) {
   buffer.is_time_wrong = false;
-  if (around_.camera->is_replay()) return true;
-  const uint64_t now_us = options_.is_lockstep ? 0 : around_.clock.now_us();
-  const FrameOrder::Verdict verdict = order_.check(buffer.number, buffer.capture_us, now_us);
+  if (devices_.camera->is_replay()) return true;
+  const uint64_t now_us = options_.is_lockstep ? 0 : devices_.clock.now_us();
+  const FrameOrder::Outcome verdict = order_.check(buffer.number, buffer.capture_us, now_us);
   exchange_.frames_missed += verdict.n_missed;
   buffer.is_time_wrong = verdict.is_time_wrong;
   exchange_.time_faults += verdict.is_time_wrong ? 1U : 0U;
@@ -145,53 +145,53 @@ bool Daemon::process_once() {
   FrameLease lease(pool_, *index);
   swap_path();
   process(lease);
-  if (network_ != nullptr) ask_network(std::move(lease));
+  if (network_ != nullptr) run_network(std::move(lease));
   return true;
 }
 
-// A new calibration takes over between two frames and keeps the rest image.
+// Swaps in a new calibration between two frames, keeping the rest image.
 void Daemon::swap_path() {
   FramePath* next = exchange_.next_path.exchange(nullptr, std::memory_order_acq_rel);
   if (next != nullptr) {
     next->take_rest(*path_);
     FramePath* old = path_.release();
     path_.reset(next);
-    path_->set_live(!around_.camera->is_replay());
+    path_->set_live(!devices_.camera->is_replay());
     RunRecord::note_calibration(path_->calibration_id());
     exchange_.tally = PathTally{path_->calibration_id(), 0, 0};
     exchange_.wrong_flags = 0;
     delete exchange_.retired_path.exchange(old, std::memory_order_acq_rel);
   }
-  const int zero = exchange_.zero_frames.exchange(kNoZero);
+  const int zero = exchange_.zero_frames.exchange(kNoZeroRequest);
   if (zero >= 0) path_->zero(zero, !exchange_.zero_even_if_touched);
-  if (zero == kGiveUpZero) path_->give_up_zero();
+  if (zero == kCancelZero) path_->cancel_zero();
 }
 
-void Daemon::read_computer() {
-  const std::optional<int32_t> milli_celsius = around_.io->milli_celsius();
+void Daemon::read_board_health() {
+  const std::optional<int32_t> milli_celsius = devices_.io->milli_celsius();
   exchange_.milli_celsius = milli_celsius.value_or(kNoTemperature);
   if (options_.has_light_fault) exchange_.has_light_fault = options_.has_light_fault(milli_celsius);
-  exchange_.throttled = around_.io->throttled().value_or(0);
+  exchange_.throttled = devices_.io->throttled().value_or(0);
 }
 
-// READY once a frame has gone through, or none is to be expected yet. The watchdog is fed by what comes out at the
-// pipeline's end, and only while every thread moves on. Link thread.
-void Daemon::tell_manager(uint64_t now_us) {
-  ++link_turns_;
+// Sends READY once a frame has been processed, or none is expected yet. Feeds the watchdog while the pipeline delivers
+// results and every thread makes progress. Link thread.
+void Daemon::notify_manager(uint64_t now_us) {
+  ++link_iterations_;
   const bool is_live = exchange_.is_camera_live;
   const uint64_t n_frames = exchange_.frames_processed;
-  if (!is_manager_told_ && (n_frames > 0 || !is_live)) {
-    is_manager_told_ = true;
-    around_.io->tell_manager("READY=1");
+  if (!is_ready_reported_ && (n_frames > 0 || !is_live)) {
+    is_ready_reported_ = true;
+    devices_.io->notify_manager("READY=1");
   }
   const NetworkHealth& network = exchange_.network;
   const bool has_network = network.is_asked && network.state.load() == NetworkState::kRuns;
-  if (liveness_.update({{{"capture", exchange_.capture_turns, is_live},
+  if (liveness_.update({{{"capture", exchange_.capture_iterations, is_live},
                          {"frame", n_frames, is_live},
                          {"network", network.results + network.skipped, is_live && has_network},
-                         {"link", link_turns_, true}}},
+                         {"link", link_iterations_, true}}},
                        now_us)) {
-    around_.io->tell_manager("WATCHDOG=1");
+    devices_.io->notify_manager("WATCHDOG=1");
   }
   RunRecord::note_stuck(liveness_.stuck());
 }
@@ -207,7 +207,7 @@ void Daemon::process(const FrameLease& lease) {
   for (size_t type = 0; type < kMessageTypes; ++type) {
     const uint32_t every = exchange_.every[type].load(std::memory_order_relaxed);
     if (every == 0 || n % every != 0) continue;
-    if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->find_residual();
+    if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->compute_residual();
     encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
   }
   for (size_t i = 0; i < kMaxStages; ++i) {
@@ -230,41 +230,41 @@ void Daemon::process(const FrameLease& lease) {
   exchange_.is_touched = path_->is_touched();
   exchange_.is_zeroing = path_->is_zeroing();
   exchange_.refused_zeros = path_->rest_watch().n_refused;
-  keep_rest();
+  save_rest();
   exchange_.zero_moved_nm = static_cast<uint32_t>(state.displacement.zero_moved_nm);
   exchange_.is_zero_at_limit = state.displacement.is_zero_at_limit;
   if (exchange_.is_camera_live) count_late(lease.capture_us());
   exchange_.frames_processed = n + 1;
 }
 
-// Into the buffer that the link thread hands on; it is asked again with the next frame where that has not been taken yet.
-void Daemon::keep_rest() {
-  const uint32_t n_known = path_->rest_watch().n_known;
-  if (!options_.keep_rest || n_known == n_kept_rests_ || is_rest_to_keep_) return;
+// Copies the rest image for the link thread. Retries with the next frame if the previous copy has not been saved.
+void Daemon::save_rest() {
+  const uint32_t n_known = path_->rest_watch().n_accepted;
+  if (!options_.save_rest || n_known == n_saved_rests_ || is_rest_to_save_) return;
   const std::span<const uint16_t> rest = path_->rest_image();
-  std::copy(rest.begin(), rest.end(), rest_to_keep_.begin());
-  n_kept_rests_ = n_known;
-  is_rest_to_keep_ = true;
+  std::copy(rest.begin(), rest.end(), rest_to_save_.begin());
+  n_saved_rests_ = n_known;
+  is_rest_to_save_ = true;
 }
 
-// One system call where the line changes, before anything is encoded.
+// One system call if the line changes, before anything is encoded.
 void Daemon::switch_reflex(const FrameState& state) {
   const ReflexState before = exchange_.reflex;
-  if (before == ReflexState::kNotAsked || before == ReflexState::kFailed) return;
+  if (before == ReflexState::kNotConfigured || before == ReflexState::kFailed) return;
   const bool is_on = reflex_.update(state);
   if (is_on == (before == ReflexState::kOn)) return;
-  const bool is_set = around_.io->switch_reflex(is_on);
+  const bool is_set = devices_.io->switch_reflex(is_on);
   exchange_.reflex = !is_set ? ReflexState::kFailed : is_on ? ReflexState::kOn : ReflexState::kOff;
   exchange_.reflex_trips += is_set && is_on ? 1U : 0U;
 }
 
-// Two of the camera's intervals after capture a newer frame has been waiting.
+// Two intervals after capture, a newer frame is already waiting.
 void Daemon::count_late(uint64_t capture_us) {
   const uint64_t interval_us = uint64_t{1'000'000'000} / static_cast<uint64_t>(board_.camera.rate_mhz);
-  if (around_.clock.now_us() > capture_us + 2 * interval_us) ++exchange_.missed_deadlines;
+  if (devices_.clock.now_us() > capture_us + 2 * interval_us) ++exchange_.missed_deadlines;
 }
 
-// For the trial of a new calibration.
+// Counts for the trial of a new calibration.
 void Daemon::count(uint32_t flags) {
   PathTally tally = exchange_.tally;
   const bool is_good = (flags & kWrongFlags) == 0;
@@ -274,17 +274,17 @@ void Daemon::count(uint32_t flags) {
   exchange_.tally = tally;
 }
 
-// Frame thread: lends the network this frame, and sends what it said since; in lockstep of this very frame.
-void Daemon::ask_network(FrameLease lease) {
+// Frame thread: lends this frame to the network and sends its newest result; in lockstep, that of this frame.
+void Daemon::run_network(FrameLease lease) {
   network_->post(std::move(lease), path_->state().flags, path_->calibration_id());
   if (options_.is_lockstep) network_->wait_idle();
   const LearnedResult* said = network_->take();
   const uint32_t every = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED].load(std::memory_order_relaxed);
-  if (said == nullptr || every == 0 || n_learned_++ % every != 0) return;
+  if (said == nullptr || every == 0 || n_network_results_++ % every != 0) return;
   encoder_.encode(*said, network_->names(), identity_.stream_flags, sink_);
 }
 
-// Frame thread: one message into the ring; lockstep waits for room, live drops.
+// Frame thread: writes one message to the ring. Lockstep waits for room, live drops the message.
 void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) {
   outgoing_[0] = static_cast<uint8_t>(type);
   std::copy(frames.begin(), frames.end(), outgoing_.begin() + 1);
@@ -305,48 +305,48 @@ void Daemon::link_loop() {
       std::this_thread::sleep_for(kReopenPause);
       reopen_line();
     }
-    if (has_said_all() || !lost_.empty()) return;
+    if (has_sent_all() || !hardware_fault_.empty()) return;
   }
 }
 
 bool Daemon::serve_once(int wait_ms) {
-  const uint64_t now_us = around_.clock.now_us();
-  if (now_us - computer_us_ > kComputerUs) {
-    read_computer();
-    if (options_.lost && lost_.empty()) lost_ = options_.lost();
-    computer_us_ = now_us;
+  const uint64_t now_us = devices_.clock.now_us();
+  if (now_us - board_health_us_ > kBoardHealthUs) {
+    read_board_health();
+    if (options_.hardware_fault && hardware_fault_.empty()) hardware_fault_ = options_.hardware_fault();
+    board_health_us_ = now_us;
   }
-  tell_manager(now_us);
-  if (is_rest_to_keep_) {
-    options_.keep_rest(rest_to_keep_);
-    is_rest_to_keep_ = false;
+  notify_manager(now_us);
+  if (is_rest_to_save_) {
+    options_.save_rest(rest_to_save_);
+    is_rest_to_save_ = false;
   }
   session_.poll(now_us);
   std::span<const uint8_t> out = session_.pending();
-  around_.link->wait(!out.empty(), wait_ms);
-  const int n_read = around_.link->read(received_);
+  devices_.link->wait(!out.empty(), wait_ms);
+  const int n_read = devices_.link->read(received_);
   if (n_read > 0) session_.receive({received_.data(), static_cast<size_t>(n_read)});
   int n_written = 0;
   for (; !out.empty(); out = session_.pending()) {
-    n_written = around_.link->write(out);
+    n_written = devices_.link->write(out);
     if (n_written <= 0) break;
     session_.consumed(static_cast<size_t>(n_written));
-    moved_us_ = around_.clock.now_us();
+    last_output_us_ = devices_.clock.now_us();
   }
   if (n_read >= 0 && n_written >= 0) return true;
   session_.reset_line();
   return false;
 }
 
-// A recording is over, and what it said was taken, or nobody takes it.
-bool Daemon::has_said_all() {
-  const uint64_t now_us = around_.clock.now_us();
-  if (!is_frame_over_ || options_.lingers) {
-    moved_us_ = owed_us_ = now_us;
+// True if a recording has ended and its results were read, or no reader remains.
+bool Daemon::has_sent_all() {
+  const uint64_t now_us = devices_.clock.now_us();
+  if (!is_frame_over_ || options_.keeps_link_open) {
+    last_output_us_ = last_pending_us_ = now_us;
     return false;
   }
-  if (!session_.is_drained() || around_.link->has_unsent()) owed_us_ = now_us;
-  return now_us - owed_us_ > kQuietUs || now_us - moved_us_ > kDrainUs;
+  if (!session_.is_drained() || devices_.link->has_unsent()) last_pending_us_ = now_us;
+  return now_us - last_pending_us_ > kQuietUs || now_us - last_output_us_ > kDrainUs;
 }
 
 }  // namespace ruffini

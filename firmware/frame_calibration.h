@@ -12,7 +12,7 @@
 
 namespace ruffini {
 
-// A calibration and the bytes that it looks into.
+// A parsed calibration together with the bytes that it refers to.
 class CalibrationFile {
  public:
   [[nodiscard]] static Result<std::shared_ptr<const CalibrationFile>> load(std::span<const uint8_t> bytes);

@@ -7,11 +7,11 @@
 namespace ruffini {
 namespace {
 
-// What a strong press can do to a frame. Where one of these comes up while rest is learned, something has come onto the pad.
+// Flags that a strong press can cause. If one appears while rest is learned, something has touched the pad.
 constexpr uint32_t kByPress = kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagFeatures | kFlagLight;
 
-// The grid of depth is that of [depth], unless a stage has its own. Results at the nodes are sent whole, also by boards that
-// measure only some of them.
+// The depth grid is that of [depth], unless a stage defines its own. Results at the nodes are sent for all nodes, even
+// if a board measures only some.
 FrameState first_state(const BoardSettings& board) {
   FrameState state;
   state.depth.step_px = board.depth.step_px;
@@ -36,14 +36,15 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   const uint64_t saturations_before = state_.saturations.count;
   if (!rest_.is_ready()) state_.flags |= kFlagNoReference;
   if (rest_watch_.is_unverified) state_.flags |= kFlagRestUnverified;
-  if (rest_.is_ready() || rest_.is_learned_anew()) measure(frame, capture_us);
+  if (rest_.is_ready() || rest_.is_relearning()) measure(frame, capture_us);
   rest_.is_ready() ? verify_rest() : learn_watched(frame);
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
   return state_;
 }
 
-// Against the rest in force, also while another one is learned: then kFlagNoReference makes it invalid.
+// Measures relative to the rest image in force, even while another one is learned: kFlagNoReference marks the result
+// invalid then.
 void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
   watch(frame);
   Frame on_its_way = frame_of(frame, capture_us);
@@ -52,16 +53,16 @@ void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
   pipeline_.run(on_its_way);
 }
 
-// What the frame shows to be no picture of the pad as it is now. Its time counts as the difference's.
+// Sets the flags of a picture that does not show the pad as it is now. Its time counts for the difference stage.
 void FramePath::watch(const FrameView& frame) {
   if (!is_live_) return;
   const uint64_t start = clock_();
-  const FrameWatch::Verdict seen = picture_watch_.frame.run(frame);
-  if (picture_watch_.old.run(frame)) state_.flags |= kFlagRepeated;
-  const PixelStatistics::Verdict pixels = picture_watch_.pixels.run(frame, state_.light.gain);
+  const FrameWatch::Defects seen = picture_watch_.frame.run(frame);
+  if (picture_watch_.repeated.run(frame)) state_.flags |= kFlagRepeated;
+  const PixelStatistics::Defects pixels = picture_watch_.pixels.run(frame, state_.light.gain);
   const bool has_blocks = picture_watch_.blocks.run(frame);
   if (seen.is_broken || pixels.is_coarse || has_blocks) state_.flags |= kFlagPicture;
-  if (writes(Slot::kSlope) && pixels.is_off_curve) state_.flags |= kFlagLight;  // where colours become numbers
+  if (writes(Slot::kSlope) && pixels.is_off_curve) state_.flags |= kFlagLight;  // the board converts colours
   if (seen.is_lamp_off) state_.flags |= kFlagLight;
   pipeline_.charge(Slot::kDifference, clock_() - start);
 }
@@ -74,20 +75,20 @@ Frame FramePath::frame_of(const FrameView& view, uint64_t capture_us) {
           .saturations = state_.saturations};
 }
 
-// Validity of everything that this frame states. Stages that are calibrated say so.
+// Sets the validity of everything in this frame. Calibrated stages add their own.
 void FramePath::judge() {
   state_.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
   pipeline_.judge(state_.flags);
 }
 
-// Contacts of a frame whose picture is wrong mean nothing; one that is out of range presses all the more.
+// Contacts of an invalid picture are ignored; an over-range contact still counts as pressed.
 bool FramePath::is_touched() const { return presses(state_.flags); }
 
 bool FramePath::is_touched_by_results() const {
   return state_.contacts.n_found > 0 || state_.tip.is_touched || state_.wrench.is_beyond_noise;
 }
 
-// A surface that moved as no stated force moves it is pressed for all that is known.
+// A surface that moved without an explaining force is assumed to be pressed.
 bool FramePath::presses(uint32_t flags) const {
   const bool is_explained = state_.solve.is_explained;
   const uint32_t may_press = kFlagOverRange | kFlagSaturated | (is_explained ? 0U : kFlagFeatures);
@@ -95,32 +96,33 @@ bool FramePath::presses(uint32_t flags) const {
   return !is_explained || is_touched_by_results();
 }
 
-// After measure() by the rest of before, where there is one.
+// Called after measure(), which uses the previous rest image if there is one.
 void FramePath::learn_watched(const FrameView& frame) {
   const uint32_t seen_flags = state_.flags & ~kFlagNoReference;
-  const bool has_changed = rest_watch_.is_asked && (seen_flags & ~rest_watch_.flags_before & kByPress) != 0;
-  if (rest_.is_learned_anew() && rest_watch_.is_watched && (has_changed || presses(seen_flags))) {
-    rest_.give_up();
-    if (!rest_watch_.is_asked) rest_watch_.is_unverified = rest_watch_.is_of_before = true;
+  const bool has_changed = rest_watch_.is_requested && (seen_flags & ~rest_watch_.flags_before & kByPress) != 0;
+  if (rest_.is_relearning() && rest_watch_.is_watched && (has_changed || presses(seen_flags))) {
+    rest_.cancel_learning();
+    if (!rest_watch_.is_requested) rest_watch_.is_unverified = rest_watch_.is_from_last_run = true;
     ++rest_watch_.n_refused;
     pipeline_.forget();
     return;
   }
   const bool can_feel = writes(Slot::kNodeForces) || writes(Slot::kWrench);
-  rest_watch_.is_seen = rest_watch_.is_seen && can_feel && rest_.is_learned_anew() && (seen_flags & kWrongFlags) == 0;
+  rest_watch_.is_comparable =
+      rest_watch_.is_comparable && can_feel && rest_.is_relearning() && (seen_flags & kWrongFlags) == 0;
   learn(frame);
   if (!rest_.is_ready()) return;
-  const bool is_known = rest_watch_.is_asked || rest_watch_.is_seen;
-  rest_watch_.is_unverified = rest_watch_.is_expected && !is_known;
-  rest_watch_.is_of_before = false;
-  if (is_known) ++rest_watch_.n_known;
+  const bool is_known = rest_watch_.is_requested || rest_watch_.is_comparable;
+  rest_watch_.is_unverified = rest_watch_.is_start_checked && !is_known;
+  rest_watch_.is_from_last_run = false;
+  if (is_known) ++rest_watch_.n_accepted;
 }
 
-// A start that was refused under a load, or because pad or camera are no longer those of the run before: a pad that reads
-// untouched by the rest of before tells them apart.
+// A start may have been refused because of a load, or because pad or camera were exchanged since the last run. A pad
+// that appears untouched relative to the previous rest image excludes the latter.
 void FramePath::verify_rest() {
   RestWatch& watch = rest_watch_;
-  if (!watch.is_unverified || !watch.is_of_before) return;
+  if (!watch.is_unverified || !watch.is_from_last_run) return;
   const bool is_untouched = (state_.flags & kWrongFlags) == 0 && !presses(state_.flags);
   watch.n_untouched = is_untouched ? watch.n_untouched + 1 : 0;
   if (watch.n_untouched >= board_.n_rest_frames) watch.is_unverified = false;
@@ -128,7 +130,7 @@ void FramePath::verify_rest() {
 
 void FramePath::learn(const FrameView& frame) {
   if (is_live_) {
-    if (!rest_.is_learned_anew()) picture_watch_.old.run(frame);  // measure() did otherwise
+    if (!rest_.is_relearning()) picture_watch_.repeated.run(frame);  // otherwise measure() did
     picture_watch_.add_rest(frame);
   }
   if (!rest_.add(frame)) return;
@@ -141,7 +143,7 @@ void FramePath::learn_features() {
   pipeline_.learn(rest_.image());
 }
 
-void FramePath::find_residual() {
+void FramePath::compute_residual() {
   Frame last = frame_of({}, 0);
   pipeline_.compute(Slot::kResidual, last);
 }
@@ -161,13 +163,13 @@ void FramePath::zero(int n_frames, bool is_watched) {
   rest_.restart(n_frames);
   picture_watch_.begin_rest();
   rest_watch_.is_watched = is_watched;
-  rest_watch_.is_asked = rest_watch_.is_seen = true;
+  rest_watch_.is_requested = rest_watch_.is_comparable = true;
   pipeline_.forget();
 }
 
 void FramePath::expect_rest(std::span<const uint16_t> known) {
-  if (rest_.is_ready()) return;  // the calibration's
-  rest_watch_.is_expected = rest_watch_.is_seen = true;
+  if (rest_.is_ready()) return;  // rest image of the calibration
+  rest_watch_.is_start_checked = rest_watch_.is_comparable = true;
   if (known.empty()) return;
   set_rest(known);
   rest_.restart(0);
@@ -183,7 +185,7 @@ void FramePath::set_rest(std::span<const uint16_t> image) {
 void FramePath::take_rest(const FramePath& other) {
   rest_watch_ = other.rest_watch_;
   if (!other.has_rest()) {
-    if (other.rest_watch_.is_expected)
+    if (other.rest_watch_.is_start_checked)
       expect_rest(other.is_zeroing() ? other.rest_image() : std::span<const uint16_t>());
     return;
   }
@@ -204,7 +206,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       state_(first_state(board)),
       pipeline_(board, rest_, state_, clock) {}
 
-// Which tables the calibration brings, and whether they fit this board.
+// Loads the tables that the calibration has, and checks that they fit this board.
 Status FramePath::load_tables() {
   if (!calibration_) return pipeline_.load(nullptr);
   const Calibration& c = calibration_->get();

@@ -6,7 +6,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kMaxForceUn = 2'000'000'000;  // squares of three fit 64 bits
+constexpr int64_t kMaxForceUn = 2'000'000'000;  // the sum of three squares fits 64 bits
 
 }  // namespace
 
@@ -23,7 +23,7 @@ bool Reflex::update(const FrameState& state) {
     if (state.wrench.validity[i] != Validity::kValid) continue;
     is_known = true;
     const int64_t f = std::clamp(force[i], -kMaxForceUn, kMaxForceUn);
-    square += f * f / 4;  // a quarter: three full squares leave 63 bits
+    square += f * f / 4;  // a quarter, because three full squares exceed 63 bits
   }
   if (!is_known) {
     if (settings_.when_invalid != WhenInvalid::kHold) is_on_ = settings_.when_invalid == WhenInvalid::kOn;

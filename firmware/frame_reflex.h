@@ -1,9 +1,9 @@
-// Whether a force or slip limit is passed: for a line that a gripper's controller hears within one frame ([reflex] of
-// board.toml).
+// Decides whether a force or slip limit is exceeded, for an output line that a gripper's controller reads within one
+// frame ([reflex] of board.toml).
 //
 //   on:  |F| > force_un (0: no limit), or a contact has reached the slip state (kFree: no limit)
 //   off: |F| <= 7/8 force_un and no contact in that state
-//   |F|: of the components that the frame says are valid. Nothing valid: by `when_invalid`
+//   |F|: over the components that are valid in this frame. If none is valid: `when_invalid`
 //
 // Frame thread; no allocation, integers.
 #pragma once

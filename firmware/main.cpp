@@ -1,4 +1,4 @@
-// ruffinid: composition root. Everything else is in the folders beside this file (README.md).
+// ruffinid: composition root. The implementation is in the folders beside this file (README.md).
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <sys/mman.h>
@@ -42,7 +42,7 @@
 
 namespace {
 
-// Exit codes, the same as the host tool's.
+// Exit codes, as in the host tool.
 constexpr int kExitUsage = 2;
 constexpr int kExitNoDevice = 3;
 constexpr int kExitRefused = 4;
@@ -74,15 +74,15 @@ uint64_t now_ns() {
           .count());
 }
 
-// As much as a thread gets; OpenCV crashes with less, and a crash names nothing.
+// Stack size that a thread gets; OpenCV crashes with less, without any message.
 ruffini::Status has_stack() {
-  constexpr rlim_t kLeastBytes = rlim_t{512} << 10;
+  constexpr rlim_t kMinBytes = rlim_t{512} << 10;
   rlimit stack{};
-  if (::getrlimit(RLIMIT_STACK, &stack) != 0 || stack.rlim_cur >= kLeastBytes) return ruffini::Unit{};
+  if (::getrlimit(RLIMIT_STACK, &stack) != 0 || stack.rlim_cur >= kMinBytes) return ruffini::Unit{};
   return ruffini::Error{ruffini::ErrorKind::kBadInput,
                         fmt::format("the stack is limited to {} KiB: {} are needed, raise it (ulimit -s 8192, or "
                                     "LimitSTACK=8M in the service)",
-                                    stack.rlim_cur >> 10, kLeastBytes >> 10)};
+                                    stack.rlim_cur >> 10, kMinBytes >> 10)};
 }
 
 struct Arguments {
@@ -119,17 +119,20 @@ ruffini::Result<std::unique_ptr<ruffini::Camera>> open_one(const std::string& ca
   const bool is_lockstep = arguments.daemon.is_lockstep;
   if (camera.rfind("libcamera:", 0) == 0) return ruffini::open_libcamera(camera.substr(10), board);
   if (camera.rfind("v4l2:", 0) == 0) return ruffini::open_v4l2(camera.substr(5), board);
-  if (camera.rfind("twin:", 0) == 0) return ruffini::open_twin(camera.substr(5), is_lockstep, board, clock);
+  for (const std::string_view scheme : {"twin:", "frames:"}) {
+    if (camera.starts_with(scheme)) return ruffini::open_twin(camera.substr(scheme.size()), is_lockstep, board, clock);
+  }
   if (camera.rfind("replay:", 0) == 0) {
     return ruffini::open_replay({camera.substr(7), is_lockstep, arguments.is_loop}, board, clock);
   }
-  return ruffini::Error{ruffini::ErrorKind::kBadInput,
-                        "--camera " + camera + ": give v4l2:NAME, libcamera:NAME, replay:PATH or twin:SOCKET"};
+  return ruffini::Error{
+      ruffini::ErrorKind::kBadInput,
+      "--camera " + camera + ": give v4l2:NAME, libcamera:NAME, replay:PATH, twin:SOCKET or frames:SOCKET"};
 }
 
 using CameraResult = ruffini::Result<std::unique_ptr<ruffini::Camera>>;
 
-// One that makes the whole picture, or two of half a picture each.
+// Opens one camera for the whole picture, or two for half a picture each.
 CameraResult open_cameras(const Arguments& arguments, const ruffini::BoardSettings& board,
                           const ruffini::Clock& clock) {
   if (arguments.cameras.size() == 1) return open_one(arguments.cameras[0], arguments, board, clock);
@@ -147,7 +150,8 @@ CameraResult open_cameras(const Arguments& arguments, const ruffini::BoardSettin
                                board.camera.height_px, static_cast<uint64_t>(board.stereo.tolerance_us));
 }
 
-// What a twin's lamps do it says by its numbers; a board's are switched here. Recordings hold what was computed from.
+// A twin encodes its lamps in the frame numbers; a board's lamps are switched here. Recordings hold pictures that are
+// already subtracted.
 CameraResult open_alternating(const Arguments& arguments, const ruffini::BoardSettings& board,
                               const ruffini::Clock& clock, ruffini::OutputLine* lamps) {
   ruffini::BoardSettings faster = board;
@@ -165,7 +169,7 @@ CameraResult open_alternating(const Arguments& arguments, const ruffini::BoardSe
   const auto period_us = static_cast<uint64_t>(1'000'000'000 / faster.camera.rate_mhz);
   auto strobe = std::make_shared<ruffini::Strobe>(*lamps, period_us, static_cast<uint64_t>(board.exposure.time_us));
   const auto during = [strobe](const ruffini::FramePool::Buffer& frame) {
-    const std::optional<bool> is_lit = strobe->saw(frame.capture_us);
+    const std::optional<bool> is_lit = strobe->record_frame(frame.capture_us);
     return !is_lit ? ruffini::Lamps::kNotKnown : *is_lit ? ruffini::Lamps::kLit : ruffini::Lamps::kDark;
   };
   fmt::print(stderr, "ruffinid: light.alternation: {} frames a second of the camera, {} pairs\n",
@@ -179,7 +183,7 @@ CameraResult open_camera(const Arguments& arguments, const ruffini::BoardSetting
                                 : open_cameras(arguments, board, clock);
 }
 
-// Everything that a start needs, looked at; the camera is opened as a start would.
+// Checks everything that a start needs. Opens the camera as a start would.
 int doctor(const Arguments& arguments) {
   using ruffini::CheckState;
   std::vector<ruffini::Check> checks = ruffini::examine({"", arguments.link, arguments.store});
@@ -213,11 +217,11 @@ int run(const Arguments& arguments) {
     return fail({ruffini::ErrorKind::kBadInput,
                  fmt::format("--serial {}: give at most {} bytes", arguments.serial, kMaxSerialBytes)});
   }
-  if (const std::string shown = ruffini::plain(arguments.serial); shown != arguments.serial) {
+  if (const std::string shown = ruffini::to_plain_ascii(arguments.serial); shown != arguments.serial) {
     return fail({ruffini::ErrorKind::kBadInput,
                  fmt::format("--serial {}: holds what is no printable ASCII: give letters, digits and - _ .", shown)});
   }
-  // What is touched from here on stays in memory: no frame waits for the card.
+  // Pages touched from here on stay in memory, so that no frame waits for the SD card.
   if (arguments.locks_memory && ::mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0) {
     return fail({ruffini::ErrorKind::kUnavailable,
                  "--lock-memory: not allowed: set LimitMEMLOCK=infinity in the "
@@ -225,7 +229,7 @@ int run(const Arguments& arguments) {
   }
   auto pad = ruffini::PadHardware::open(board.value());
   if (!pad) return fail(pad.error());
-  if (!pad.value().dark().empty()) fmt::print(stderr, "ruffinid: {}\n", pad.value().dark());
+  if (!pad.value().lamp_error().empty()) fmt::print(stderr, "ruffinid: {}\n", pad.value().lamp_error());
   const bool is_lockstep = arguments.daemon.is_lockstep;
   auto clock = arguments.clock.empty()
                    ? ruffini::Result<std::unique_ptr<ruffini::Clock>>(std::make_unique<ruffini::SystemClock>())
@@ -241,22 +245,23 @@ int run(const Arguments& arguments) {
   if (!store) return fail(store.error());
   const ruffini::RunRecord record(arguments.store);
   ruffini::DaemonOptions options = arguments.daemon;
-  options.lost = [&pad] { return pad.value().lost(); };
+  options.hardware_fault = [&pad] { return pad.value().gel_fault(); };
   options.has_light_fault = [&pad, said = std::string()](std::optional<int32_t> milli_celsius) mutable {
     const std::string fault = pad.value().lamp_fault(milli_celsius);
-    if (!fault.empty() && fault != said && fault != pad.value().dark()) fmt::print(stderr, "ruffinid: {}\n", fault);
+    if (!fault.empty() && fault != said && fault != pad.value().lamp_error())
+      fmt::print(stderr, "ruffinid: {}\n", fault);
     said = fault;
     return !fault.empty();
   };
   auto rest_medium = ruffini::FolderStorage::open(pad.value().store_folder(arguments.store));
   if (!rest_medium) return fail(rest_medium.error());
   const auto [width_px, height_px] = std::pair(board.value().camera.width_px, board.value().camera.height_px);
-  options.known_rest = ruffini::load_rest(*rest_medium.value(), width_px, height_px);
-  options.keep_rest = [&medium = *rest_medium.value(), width_px, height_px](std::span<const uint16_t> rest) {
+  options.previous_rest = ruffini::load_rest(*rest_medium.value(), width_px, height_px);
+  options.save_rest = [&medium = *rest_medium.value(), width_px, height_px](std::span<const uint16_t> rest) {
     const ruffini::Status kept = ruffini::save_rest(medium, rest, width_px, height_px);
     if (!kept) fmt::print(stderr, "ruffinid: {}: the next start cannot be compared with rest\n", kept.error().message);
   };
-  options.begun = [&board](const char* role) {
+  options.on_thread_start = [&board](const char* role) {
     const std::string problem = ruffini::place_thread(role, ruffini::thread_of(board.value().threads, role));
     if (!problem.empty()) fmt::print(stderr, "ruffinid: {}\n", problem);
   };
@@ -268,7 +273,7 @@ int run(const Arguments& arguments) {
   if (!port) return fail(port.error());
 
   ruffini::Exchange exchange;
-  // A recording shows each of its frames once: a trial would eat those that the host wants.
+  // A recording shows each frame once: a trial would consume frames that the host wants.
   const bool is_once = camera.value()->is_replay() && !arguments.is_loop;
   const bool has_trial = !is_once && !arguments.daemon.waits_for_host && !is_lockstep;
   auto keys = arguments.keys.empty() ? ruffini::Result<ruffini::KeyRing>(ruffini::KeyRing())
@@ -307,11 +312,11 @@ int run(const Arguments& arguments) {
                                          .is_lossless = arguments.daemon.is_lockstep,
                                          .last_run = record.last(),
                                          .is_safe_mode = record.is_safe_mode()};
-  ruffini::Surroundings around{.clock = *clock.value(),
-                               .random = random,
-                               .camera = std::move(camera).value(),
-                               .link = std::make_unique<ruffini::SerialPort>(std::move(port).value()),
-                               .io = std::move(io)};
+  ruffini::DaemonDevices around{.clock = *clock.value(),
+                                .random = random,
+                                .camera = std::move(camera).value(),
+                                .link = std::make_unique<ruffini::SerialPort>(std::move(port).value()),
+                                .io = std::move(io)};
   ruffini::Daemon daemon(board.value(), std::move(path).value(), std::move(around), calibrator, exchange, identity,
                          options);
   daemon.run(stop_requested);
@@ -333,7 +338,8 @@ int main(int argc, char** argv) {
          "--camera", arguments.cameras,
          "v4l2:NAME, the path of a camera's node, a part of its name, its serial number, or nothing; libcamera:NAME, a "
          "part of its id, or nothing; replay:PATH, a video file or a folder of images; "
-         "twin:SOCKET of `ruffini sim serve`. Twice with [stereo] of board.toml: left, then right")
+         "twin:SOCKET of `ruffini sim serve`; frames:SOCKET of `ruffini live`. Twice with [stereo] of board.toml: "
+         "left, then right")
       ->required()
       ->expected(1, 2)
       ->allow_extra_args(false);
@@ -363,7 +369,7 @@ int main(int argc, char** argv) {
   app.add_flag("--lockstep", arguments.daemon.is_lockstep, "every frame in order, none dropped");
   app.add_flag("--loop", arguments.is_loop, "start the recording again at its end");
   app.add_flag("--wait-for-host", arguments.daemon.waits_for_host, "start when a host has subscribed");
-  app.add_flag("--linger", arguments.daemon.lingers, "keep the link after the recording's end");
+  app.add_flag("--linger", arguments.daemon.keeps_link_open, "keep the link after the recording's end");
   app.add_option("--throttled", arguments.throttled,
                  "file with the computer's throttling bits, e.g. /sys/devices/platform/soc/soc:firmware/get_throttled");
   app.add_option("--clock", arguments.clock,

@@ -79,7 +79,8 @@ def pytest_testnodedown(node: Any) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    terminalreporter.write_line(f"{sum(os.times()[:4]) + sum(_processor_s):.0f} s of processor time")
+    own_s, started_s = sum(os.times()[:2]), sum(os.times()[2:4])  # workers that have ended are among the started
+    terminalreporter.write_line(f"{own_s + (sum(_processor_s) or started_s):.0f} s of processor time")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -1,5 +1,5 @@
-// What the lamps alone made of a picture: lit less dark, each pixel and channel for itself, never below 0. What was full
-// in the lit picture stays full: nobody knows by how much.
+// Removes ambient light from a picture: lit minus dark, per pixel and channel, never below 0. Values that are saturated
+// in the lit picture stay saturated, because the true level is unknown.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 namespace ruffini {
 
-// lit[i] = 255 where it is 255, else max(lit[i] - dark[i], 0). Both of the same length.
+// lit[i] = 255 if it is 255, else max(lit[i] - dark[i], 0). Precondition: both spans have the same length.
 inline void take_ambient_away(std::span<uint8_t> lit, std::span<const uint8_t> dark) {
   assert(lit.size() == dark.size());
   uint8_t* const out = lit.data();

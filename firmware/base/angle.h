@@ -1,4 +1,4 @@
-// Angles in integers.
+// Integer trigonometry.
 #pragma once
 
 #include <array>
@@ -6,8 +6,8 @@
 
 namespace ruffini {
 
-// Angle of (x, y) from the x axis, -pi to pi, in 1e-6 rad, by CORDIC: off by at most 2e-6 where x or y is above 2^18.
-// Precondition: |x|, |y| < 2^36; (0, 0) is 0.
+// Returns the angle of (x, y) from the x axis, -pi to pi, in 1e-6 rad, computed by CORDIC. The error is at most 2e-6
+// rad if |x| or |y| exceeds 2^18. Precondition: |x|, |y| < 2^36. The angle of (0, 0) is 0.
 [[nodiscard]] constexpr int64_t atan2_urad(int64_t y, int64_t x) {
   // atan 2^-i in 1e-9 rad.
   constexpr std::array<int64_t, 22> kAngle = {

@@ -1,4 +1,4 @@
-// Time as the device sees it: monotonic, from a zero that means nothing.
+// Monotonic time of the device; the origin is arbitrary.
 #pragma once
 
 #include <cstdint>

@@ -1,8 +1,7 @@
 // Fixed-point numbers that carry their scale and unit in the type.
 //
-// Fixed<Rep, Frac, Unit> holds raw / 2^Frac of a unit. One rounding rule everywhere: half up,
-// (x + 2^(n-1)) >> n, as NEON's VRSHR. The only way back from a wide result is saturate<To>(), which
-// counts what it cut off.
+// Fixed<Rep, Frac, Unit> holds raw / 2^Frac of a unit. All code rounds half up, (x + 2^(n-1)) >> n, as NEON's VRSHR
+// does. The only way back from a wide result is narrow<To>(), which saturates and counts each saturation.
 #pragma once
 
 #include <compare>
@@ -11,7 +10,7 @@
 
 namespace ruffini {
 
-// Values that hit their limit; read by STATUS, so that saturation is a bug that we can see.
+// Number of values that were saturated. STATUS reports it, so that saturation is visible.
 struct SaturationCounter {
   uint64_t count = 0;
 };
@@ -50,7 +49,7 @@ class Fixed {
     return value;
   }
 
-  // Constants only: the conversion happens in the compiler, never on the board.
+  // For constants only: the conversion happens in the compiler, never on the board.
   [[nodiscard]] static consteval Fixed from_real(double real) {
     const double scaled = real * static_cast<double>(int64_t{1} << kFrac);
     return from_raw(static_cast<Rep>(scaled < 0 ? scaled - 0.5 : scaled + 0.5));
@@ -63,7 +62,7 @@ class Fixed {
   Rep raw_ = 0;
 };
 
-// The nearest To of a wide raw value with kFrom fractional bits, saturating and counted.
+// Converts a wide raw value with kFrom fractional bits to To: rounds half up, saturates and counts.
 template <typename To, int kFrom>
 [[nodiscard]] constexpr To narrow(int64_t wide, SaturationCounter& counter) {
   static_assert(kFrom > To::kFrac && kFrom - To::kFrac <= 62);

@@ -1,4 +1,4 @@
-// A mailbox of one: the newest value wins, what it replaces goes back to whoever posted it.
+// Mailbox for one buffer: the newest one wins, and the one it replaces returns to the thread that posted.
 #pragma once
 
 #include <linux/futex.h>
@@ -11,11 +11,11 @@
 
 namespace ruffini {
 
-// Holds the index of a buffer. Any thread may post, take or close; no lock. Who waits sleeps at once, in one system call:
-// std::atomic::wait gives its core away four times before it does, which is four calls more a frame.
+// Holds the index of a buffer. Any thread may post, take or close; there is no lock. A waiting thread sleeps at once,
+// by one futex call: std::atomic::wait yields four times first, which costs four more system calls per frame.
 class IndexMailbox {
  public:
-  // Returns the index that nobody will take: the one that was replaced, or, once closed, `index` itself.
+  // Returns the index that nobody will take: the replaced one or, after close(), `index` itself.
   std::optional<int> post(int index) {
     int seen = slot_.load(std::memory_order_acquire);
     do {
@@ -34,7 +34,7 @@ class IndexMailbox {
     return seen;
   }
 
-  // No more posts; every wait returns from now on. Returns what nobody had taken.
+  // Ends all waits and refuses further posts. Returns the index that had not been taken.
   std::optional<int> close() {
     const int seen = slot_.exchange(kClosed);
     wake();
@@ -42,7 +42,7 @@ class IndexMailbox {
   }
 
   [[nodiscard]] bool is_closed() const { return slot_.load(std::memory_order_acquire) == kClosed; }
-  // Waits until something is there / until it was taken; or until closed.
+  // Wait until an index is posted, or until it is taken. Both return when the mailbox is closed.
   void wait_full() const {
     while (slot_.load(std::memory_order_acquire) == kEmpty) sleep_while(kEmpty);
   }
@@ -53,14 +53,14 @@ class IndexMailbox {
   }
 
  private:
-  // Until the slot changes, or for no reason: who calls looks again.
+  // Sleeps until the slot changes. May wake up spuriously, so the caller checks again.
   void sleep_while(int seen) const {
     n_waiting_.fetch_add(1);
     ::syscall(SYS_futex, &slot_, FUTEX_WAIT_PRIVATE, seen, nullptr);
     n_waiting_.fetch_sub(1);
   }
-  // After a change of the slot. Sequentially consistent, as the change before it: who does not see the one who waits has
-  // changed the slot before that one looks at it.
+  // Call after each change of the slot. All accesses are sequentially consistent: if this thread does not see the
+  // waiter's count, the waiter sees the new slot value before it sleeps.
   void wake() {
     if (n_waiting_.load() != 0) ::syscall(SYS_futex, &slot_, FUTEX_WAKE_PRIVATE, INT32_MAX);
   }
@@ -68,7 +68,7 @@ class IndexMailbox {
   static constexpr int kEmpty = -1;
   static constexpr int kClosed = -2;
   std::atomic<int> slot_{kEmpty};
-  static_assert(sizeof(std::atomic<int>) == sizeof(int));  // the kernel looks at the number itself
+  static_assert(sizeof(std::atomic<int>) == sizeof(int));  // the futex reads the number itself
   mutable std::atomic<int> n_waiting_{0};
 };
 

@@ -1,4 +1,4 @@
-// Bytes that nobody can foresee.
+// Source of unpredictable bytes.
 #pragma once
 
 #include <cstdint>

@@ -9,16 +9,16 @@
 
 namespace ruffini {
 
-// What kind of failure, hence who reacts and how.
+// Kind of failure. It decides who reacts, and how.
 enum class ErrorKind {
-  kBadInput,     // bytes from outside do not make sense
-  kUnavailable,  // hardware, file or line is missing or busy
-  kRefused,      // understood, and not allowed: wrong board, wrong key
+  kBadInput,     // bytes from outside are malformed
+  kUnavailable,  // hardware, a file or a line is missing or busy
+  kRefused,      // well-formed, but not allowed: wrong board, wrong key
   kStorage,      // the medium failed
-  kBusy,         // somebody else has it: later
+  kBusy,         // in use by another client: try again later
 };
 
-// `message`: what happened, on what, and what to do, in one sentence.
+// `message`: one sentence that states what happened, to what, and what to do.
 struct Error {
   ErrorKind kind;
   std::string message;
@@ -27,7 +27,7 @@ struct Error {
 template <typename T>
 class [[nodiscard]] Result {
  public:
-  // Implicit, so that `return value;` and `return Error{...};` both read as they are meant.
+  // Implicit, so that both `return value;` and `return Error{...};` compile.
   // NOLINTBEGIN(google-explicit-constructor)
   Result(T value) : state_(std::move(value)) {}
   Result(Error error) : state_(std::move(error)) {}
@@ -63,7 +63,7 @@ class [[nodiscard]] Result {
 struct Unit {};
 using Status = Result<Unit>;
 
-// Puts what was loaded where it belongs.
+// Moves a loaded value into `part`, or returns the error.
 template <typename T>
 Status keep(Result<T> loaded, std::optional<T>& part) {
   if (!loaded) return loaded.error();

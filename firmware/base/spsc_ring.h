@@ -1,4 +1,4 @@
-// Byte messages from one thread to another: fixed memory, no lock, all or nothing.
+// Byte messages from one thread to another: fixed memory, no lock; a message is stored completely or not at all.
 #pragma once
 
 #include <algorithm>
@@ -11,13 +11,13 @@
 
 namespace ruffini {
 
-// One producer thread calls push, one consumer thread calls pop. A message is a u32 length and its bytes.
+// One producer thread calls push, one consumer thread calls pop. A message is stored as a u32 length and its bytes.
 class SpscRing {
  public:
   // `capacity_bytes` must be a power of two.
   explicit SpscRing(size_t capacity_bytes) : storage_(capacity_bytes), mask_(capacity_bytes - 1) {}
 
-  // False, and nothing is stored, when there is no room.
+  // Returns false, and stores nothing, if there is no room.
   bool push(std::span<const uint8_t> message) {
     const size_t head = head_.load(std::memory_order_relaxed);
     const size_t used = head - tail_.load(std::memory_order_acquire);
@@ -31,7 +31,7 @@ class SpscRing {
     return true;
   }
 
-  // The next message into `out` (resized within its capacity); false when there is none.
+  // Moves the next message to `out`, resized within its capacity. Returns false if there is none.
   bool pop(std::vector<uint8_t>& out) {
     const size_t tail = tail_.load(std::memory_order_relaxed);
     if (tail == head_.load(std::memory_order_acquire)) return false;
@@ -47,7 +47,7 @@ class SpscRing {
 
  private:
   void write(size_t at, std::span<const uint8_t> bytes) {
-    if (bytes.empty()) return;  // its data() may be null
+    if (bytes.empty()) return;  // data() of an empty span may be null
     const size_t begin = at & mask_;
     const size_t first = std::min(bytes.size(), storage_.size() - begin);
     std::memcpy(storage_.data() + begin, bytes.data(), first);

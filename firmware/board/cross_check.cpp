@@ -103,9 +103,28 @@ void check_targets(BoardReader& in, const BoardSettings& board) {
   }
 }
 
+// The corners go round with the clock, and no angle is a straight line.
+void check_picture_features(BoardReader& in, const BoardSettings& board) {
+  const std::vector<PicturePlace>& corners = board.picture_features.corners;
+  if (board.picture_features.cells.count() == 0) return;
+  if (corners.size() != 4) return in.fail("picture_features.corners_px must list four corners of the gel");
+  for (size_t i = 0; i < corners.size(); ++i) {
+    const PicturePlace& a = corners[i];
+    const PicturePlace& b = corners[(i + 1) % 4];
+    const PicturePlace& c = corners[(i + 2) % 4];
+    if (a.x_px >= board.camera.width_px || a.y_px >= board.camera.height_px) {
+      return in.fail("picture_features.corners_px reaches beyond the picture");
+    }
+    if ((b.x_px - a.x_px) * (c.y_px - b.y_px) <= (b.y_px - a.y_px) * (c.x_px - b.x_px)) {
+      return in.fail(
+          "picture_features.corners_px must go round a convex gel: top left, top right, bottom right, bottom left");
+    }
+  }
+}
+
 void check_flow(BoardReader& in, const BoardSettings& board) {
   const MarkerSettings& m = board.markers;
-  const int64_t most = 4;  // Helmholtz::kMostOblong
+  const int64_t most = 4;  // Helmholtz::kMaxOblong
   if (has_stage(board, "contact_model") && m.polarity != Polarity::kTexture) {
     in.fail("stage contact_model needs markers.polarity texture");
   } else if (has_stage(board, "helmholtz") &&
@@ -145,6 +164,7 @@ void cross_check(BoardReader& in, const BoardSettings& board) {
   check_skin(in, board);
   check_flow(in, board);
   check_targets(in, board);
+  check_picture_features(in, board);
   if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||
       board.camera.height_px % board.depth.step_px != 0) {
     in.fail("depth.step_px must be 1, 2 or 4 and divide the image");

@@ -1,4 +1,4 @@
-// What no single key of a board.toml can tell.
+// Checks that combinations of keys in board.toml are consistent.
 #pragma once
 
 #include "board/reader.h"
@@ -6,7 +6,7 @@
 
 namespace ruffini {
 
-// Fails `in` with the first thing that does not fit together.
+// Reports the first inconsistency to `in`.
 void cross_check(BoardReader& in, const BoardSettings& board);
 
 }  // namespace ruffini

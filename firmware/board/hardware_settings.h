@@ -1,4 +1,4 @@
-// The part of board.toml about what is round the sensor.
+// Sections of board.toml about the hardware around the sensor.
 #pragma once
 
 #include <cstdint>
@@ -8,55 +8,55 @@
 
 namespace ruffini {
 
-// What the camera is told instead of its automatics; all 0: it is left to them.
+// Manual exposure; all 0: the camera's automatics are used.
 struct ExposureSettings {
   int64_t time_us = 0;
   int64_t gain_1e3 = 0;
-  int64_t red_1e3 = 0;  // gains of the channels over green
+  int64_t red_1e3 = 0;  // channel gains relative to green
   int64_t blue_1e3 = 0;
-  int64_t white_kelvin = 0;  // colour of the light, instead of the two, for a camera on USB; 0: it is the two
+  int64_t white_kelvin = 0;  // colour of the light, instead of the two gains, for USB cameras; 0: the gains are used
 
   [[nodiscard]] bool is_manual() const { return time_us != 0; }
 };
 
-// By which a host that has this sensor on USB recognises it; the firmware does not use it.
+// USB identity by which a host recognizes this sensor. The firmware does not use it.
 struct UsbSettings {
-  int64_t vendor = 0;  // 0: the names alone count
+  int64_t vendor = 0;  // 0: only the names are used
   int64_t product = 0;
-  std::vector<std::string> names{};  // parts of the name that the kernel gives its camera
+  std::vector<std::string> names{};  // substrings of the name that the kernel gives its camera
 };
 
-// A thermometer of Linux (hw/thermometer.h); both empty: none.
+// A Linux thermometer (hw/thermometer.h); both empty: none.
 struct TemperatureSettings {
-  std::string place;  // what STATUS calls it
+  std::string place;  // name in STATUS
   std::string path;
 };
 
-// The pad's lamps, switched on while ruffinid runs; an empty line: they have a switch of their own.
+// Lamps of the pad, on while ruffinid runs. An empty line: they are not switched by ruffinid.
 struct LightSettings {
   std::string chip;
   std::string line;
-  // Every second frame of the camera is taken with the lamps off, and taken from the one after it: what the lamps did
-  // not make is gone. camera.rate_mhz counts pairs: the camera runs at twice that.
+  // Every second frame is taken with the lamps off and subtracted from the next one, which removes ambient light.
+  // camera.rate_mhz counts pairs: the camera runs at twice that rate.
   bool alternates = false;
 };
 
-// A driver of LEDs on I2C that the lamps hang on (hw/led_driver.h); an empty bus: none.
+// I2C LED driver for the lamps (hw/led_driver.h); an empty bus: none.
 struct LedDriverSettings {
   std::string bus;
   int64_t address = 0;
-  int64_t resistor_ohm = 0;               // sets the current of one step
-  std::vector<int64_t> currents_ua{};     // of the outputs from the first on; the others are off
-  int64_t ramp_ms = 0;                    // from dark to those
-  int64_t max_milli_celsius = INT32_MAX;  // of [temperature]: the lamps go out above
+  int64_t resistor_ohm = 0;               // determines the current per step
+  std::vector<int64_t> currents_ua{};     // of the outputs, starting from the first; the others are off
+  int64_t ramp_ms = 0;                    // duration of the ramp from dark to these currents
+  int64_t max_milli_celsius = INT32_MAX;  // of [temperature]: the lamps are switched off above it
 };
 
-// Two cameras, each of half the picture, side by side (capture/paired_camera.h); 0: one camera.
+// Two cameras that provide half of the picture each, side by side (capture/paired_camera.h); 0: one camera.
 struct StereoSettings {
-  int64_t tolerance_us = 0;  // between the middles of exposure of a pair
+  int64_t tolerance_us = 0;  // between the exposure midpoints of a pair
 };
 
-// Memories on I2C that say which board and which gel these are (hw/identity.h); an empty bus: none; address 0: not that.
+// I2C memories that identify board and gel (hw/identity.h); an empty bus: none; address 0: not present.
 struct EepromSettings {
   std::string bus;
   int64_t board_address = 0;
@@ -64,20 +64,20 @@ struct EepromSettings {
   int address_bytes = 1;  // 1 up to 256 bytes of memory, 2 above
 };
 
-// Of one thread. What is 0 stays as ruffinid was started.
+// Scheduling of one thread. A value of 0 leaves the inherited setting.
 struct ThreadSettings {
   int priority = 0;   // of SCHED_FIFO
-  uint64_t cpus = 0;  // a bit for each that it may run on
+  uint64_t cpus = 0;  // bit mask of permitted CPUs
 };
 
 struct ThreadsSettings {
   ThreadSettings capture;
   ThreadSettings frame;
   ThreadSettings link;
-  ThreadSettings inference;  // no priority: it runs when nothing else does
+  ThreadSettings inference;  // has no priority: it runs only when the CPU is idle
 };
 
-// By its role: "capture", "frame", "link", else "inference".
+// Settings by role: "capture", "frame", "link"; any other: inference.
 inline const ThreadSettings& thread_of(const ThreadsSettings& threads, std::string_view role) {
   return role == "capture" ? threads.capture
          : role == "frame" ? threads.frame

@@ -34,16 +34,16 @@ void read_pad(BoardReader& in, BoardSettings& board) {
   board.pad.thickness_um = in.integer("thickness_um", 100, kMaxLengthUm);
   board.pad.modulus_pa = in.integer("modulus_pa", 1'000, 1'000'000'000);
   board.pad.poisson_1e4 = in.integer("poisson_1e4", 0, 4'999);
-  in.otherwise("stiffness_sigma_1e3", board.pad.stiffness_sigma_1e3);
+  in.set_default("stiffness_sigma_1e3", board.pad.stiffness_sigma_1e3);
   board.pad.stiffness_sigma_1e3 = in.integer("stiffness_sigma_1e3", 0, 500);
 }
 
-// A section that none of the board's stages reads may be left out.
-void section_of_stages(BoardReader& in, const BoardSettings& board, const char* name, toml::table otherwise) {
-  is_section_read(board.stages, name) ? in.section(name) : in.section_or(name, std::move(otherwise));
+// An optional section that none of the board's stages reads.
+void section_of_stages(BoardReader& in, const BoardSettings& board, const char* name, toml::table set_default) {
+  is_section_read(board.stages, name) ? in.section(name) : in.section_or(name, std::move(set_default));
 }
 
-// Without it: four nodes at the pad's corners.
+// Default: four nodes at the pad's corners.
 void read_grid(BoardReader& in, BoardSettings& board) {
   section_of_stages(in, board, "grid", toml::table{{"n_x", 2}, {"n_y", 2}, {"n_layers", 2}});
   board.grid.n_x = static_cast<int>(in.integer("n_x", 2, 255));
@@ -59,7 +59,7 @@ void read_grid(BoardReader& in, BoardSettings& board) {
   board.window.max_y_um = in.integer("max_y_um", 0, kMaxLengthUm);
 }
 
-// Of stages alone, without a default: a board without them may have the section, or not.
+// Required by certain stages, without a default: boards without these stages may still have the section.
 bool has_own_section(BoardReader& in, const BoardSettings& board, const char* name) {
   return in.has_section(name) || is_section_read(board.stages, name);
 }
@@ -69,7 +69,7 @@ void read_markers(BoardReader& in, const BoardSettings& board, MarkerSettings& m
   in.section("markers");
   const int polarity = in.choice("polarity", {"dark", "light", "texture"});
   markers.polarity = polarity == 0 ? Polarity::kDark : polarity == 1 ? Polarity::kLight : Polarity::kTexture;
-  in.otherwise("layout", "lattice");
+  in.set_default("layout", "lattice");
   const int layout = in.choice("layout", {"lattice", "scattered", "views"});
   markers.is_scattered = layout > 0;
   markers.has_views = layout == 2;
@@ -81,7 +81,7 @@ void read_markers(BoardReader& in, const BoardSettings& board, MarkerSettings& m
   markers.first_x_um = in.integer("first_x_um", 0, kMaxLengthUm);
   markers.first_y_um = in.integer("first_y_um", 0, kMaxLengthUm);
   markers.diameter_um = in.integer("diameter_um", 20, 50'000);
-  // Light markers may stand out by more than all that is round them.
+  // Light markers may exceed their surroundings by more than 100 %.
   markers.threshold_1e3 = in.integer("threshold_1e3", 10, markers.polarity == Polarity::kLight ? 1900 : 900);
   markers.max_lost = in.integer("max_lost", 0, 4'096);
 }
@@ -93,6 +93,15 @@ void read_targets(BoardReader& in, const BoardSettings& board, TargetSettings& t
   targets.below_um = in.integer("below_um", 0, kMaxLengthUm);
   targets.diameter_um = in.integer("diameter_um", 20, 50'000);
   targets.threshold_1e3 = in.integer("threshold_1e3", 10, 900);
+}
+
+void read_picture_features(BoardReader& in, const BoardSettings& board, PictureFeatureSettings& features) {
+  if (!has_own_section(in, board, "picture_features")) return;
+  in.section("picture_features");
+  for (const PadPlace& corner : in.places("corners_px", 0, 4'095))
+    features.corners.push_back({corner.x_um, corner.y_um});
+  features.cells.n_x = static_cast<int>(in.integer("n_x", 1, 32));
+  features.cells.n_y = static_cast<int>(in.integer("n_y", 1, 32));
 }
 
 void read_skin(BoardReader& in, const BoardSettings& board, SkinSettings& skin) {
@@ -112,7 +121,7 @@ void read_skin(BoardReader& in, const BoardSettings& board, SkinSettings& skin) 
 
 void read_rest(BoardReader& in, BoardSettings& board) {
   section_of_stages(in, board, "depth", toml::table{{"gauge", "margin"}, {"margin_um", 0}, {"step_px", 1}});
-  in.otherwise("source", "light");
+  in.set_default("source", "light");
   if (in.choice("source", {"light", "markers"}) == 1) board.depth.source = DepthSource::kMarkers;
   constexpr Gauge kGauges[] = {Gauge::kMargin, Gauge::kMean, Gauge::kSpacing, Gauge::kVolume, Gauge::kBoth};
   board.depth.gauge = kGauges[in.choice("gauge", {"margin", "mean", "spacing", "volume", "both"})];
@@ -157,7 +166,7 @@ Result<ReadBoard> read_board(std::string_view text, const std::string& where) {
   board.name = in.text("name");
   board.product = in.text("product", 128);
   board.not_measured = in.texts("not_measured", kMaxNotMeasured);
-  read_pipeline(in, board);  // says which of the sections below must be there
+  read_pipeline(in, board);  // determines which of the sections below are required
   read_camera(in, board.camera);
   read_hardware(in, board);
   read_pad(in, board);
@@ -165,6 +174,7 @@ Result<ReadBoard> read_board(std::string_view text, const std::string& where) {
   read_markers(in, board, board.markers);
   read_skin(in, board, board.skin);
   read_targets(in, board, board.targets);
+  read_picture_features(in, board, board.picture_features);
   read_rest(in, board);
   in.refuse_unknown();
   if (in.error().empty()) cross_check(in, board);
@@ -191,7 +201,7 @@ Result<std::string> board_json(std::string_view text, const std::string& where) 
 
 Result<BoardSettings> load_board(const std::string& folder) {
   const std::filesystem::path path = std::filesystem::path(folder) / "board.toml";
-  std::error_code failed;  // a pipe would be waited for
+  std::error_code failed;  // opening a pipe would block
   std::ifstream stream;
   if (std::filesystem::is_regular_file(path, failed)) stream.open(path, std::ios::binary);
   if (!stream.is_open()) {

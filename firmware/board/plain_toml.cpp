@@ -7,7 +7,7 @@
 namespace ruffini {
 
 Result<toml::table> parse_plain_toml(std::string_view text, const std::string& where) {
-  // Plain ASCII: one spelling of every file, and toml++ 3.3 reaches undefined behaviour on some other characters.
+  // Plain ASCII: every file has one spelling, and toml++ 3.3 has undefined behaviour on some other characters.
   if (text.substr(0, 3) == "\xEF\xBB\xBF") {
     return Error{ErrorKind::kBadInput, where + ": starts with a byte-order mark: save it without one"};
   }

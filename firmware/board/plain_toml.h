@@ -1,4 +1,4 @@
-// TOML from outside, as strict as every reader of this project: plain ASCII, no byte-order mark.
+// Parses TOML from untrusted files as strictly as all readers of this project: plain ASCII, no byte-order mark.
 #pragma once
 
 #include <string>

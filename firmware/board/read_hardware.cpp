@@ -7,8 +7,8 @@ constexpr size_t kMaxLineLength = 31;  // of a GPIO line, as the kernel has it
 constexpr size_t kMaxPathLength = 128;
 constexpr size_t kLedOutputs = 16;
 constexpr size_t kMaxUsbNames = 8;
-constexpr int kMostPriority = 49;  // the kernel's interrupt threads have 50
-constexpr int kMostCpu = 63;       // ThreadSettings::cpus
+constexpr int kMaxPriority = 49;  // the kernel's interrupt threads have 50
+constexpr int kMaxCpu = 63;       // ThreadSettings::cpus
 
 void read_exposure(BoardReader& in, BoardSettings& board) {
   if (!in.has_section("exposure")) return;
@@ -42,11 +42,11 @@ void read_light(BoardReader& in, LightSettings& light) {
   in.section("light");
   light.chip = in.text("chip", kMaxPathLength);
   light.line = in.text("line", kMaxLineLength);
-  in.otherwise("alternation", "none");
+  in.set_default("alternation", "none");
   light.alternates = in.choice("alternation", {"none", "lit_dark"}) == 1;
 }
 
-// The most that a current may be is 255 steps (hw/led_driver.h) with the smallest resistor for 57 mA.
+// Upper limit of a current: 255 steps (hw/led_driver.h) with the smallest resistor, which gives 57 mA.
 void read_led_driver(BoardReader& in, LedDriverSettings& driver) {
   if (!in.has_section("led_driver")) return;
   in.section("led_driver");
@@ -66,9 +66,9 @@ void read_stereo(BoardReader& in, StereoSettings& stereo) {
   stereo.tolerance_us = in.integer("tolerance_us", 1, 100'000);
 }
 
-// What no single section of these can tell.
+// Checks across these sections.
 void check_hardware(BoardReader& in, const BoardSettings& board) {
-  const int64_t n_exposures = board.light.alternates ? 2 : 1;  // in the time of a frame
+  const int64_t n_exposures = board.light.alternates ? 2 : 1;  // per frame
   if (n_exposures * board.exposure.time_us * board.camera.rate_mhz > 1'000'000'000) {
     in.fail(n_exposures == 1
                 ? "exposure.time_us is longer than a frame at camera.rate_mhz"
@@ -92,7 +92,7 @@ void check_hardware(BoardReader& in, const BoardSettings& board) {
   }
 }
 
-// Addresses below 8 and above 0x77 are the bus's own.
+// Addresses below 8 and above 0x77 are reserved by I2C.
 void read_eeprom(BoardReader& in, EepromSettings& eeprom) {
   if (!in.has_section("eeprom")) return;
   in.section("eeprom");
@@ -133,13 +133,13 @@ void read_thread(BoardReader& in, const std::string& role, bool has_priority, Th
   const std::string priority = role + "_priority";
   const std::string cpus = role + "_cpus";
   if (has_priority && in.has(priority.c_str())) {
-    thread.priority = static_cast<int>(in.integer(priority.c_str(), 1, kMostPriority));
+    thread.priority = static_cast<int>(in.integer(priority.c_str(), 1, kMaxPriority));
   }
   if (!in.has(cpus.c_str())) return;
-  for (const int64_t cpu : in.integers(cpus.c_str(), 0, kMostCpu)) thread.cpus |= uint64_t{1} << cpu;
+  for (const int64_t cpu : in.integers(cpus.c_str(), 0, kMaxCpu)) thread.cpus |= uint64_t{1} << cpu;
 }
 
-// A learned network runs when nothing else does: it has no priority to give.
+// The thread of a learned network runs only when the CPU is idle and has no priority.
 void read_threads(BoardReader& in, ThreadsSettings& threads) {
   if (!in.has_section("threads")) return;
   in.section("threads");

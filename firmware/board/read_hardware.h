@@ -1,4 +1,4 @@
-// The sections of a board.toml about what is round the sensor; each may be left out.
+// Reads the sections of board.toml about the hardware around the sensor; all are optional.
 #pragma once
 
 #include "board/reader.h"
@@ -6,7 +6,7 @@
 
 namespace ruffini {
 
-// After [camera].
+// Call after [camera] was read.
 void read_hardware(BoardReader& in, BoardSettings& board);
 
 }  // namespace ruffini

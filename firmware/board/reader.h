@@ -11,12 +11,12 @@
 
 namespace ruffini {
 
-// Reads the keys of one file; remembers the first error and which keys were asked for.
+// Reads the keys of one file; stores the first error and which keys were requested.
 class BoardReader {
  public:
   BoardReader(toml::table root, std::string where) : root_(std::move(root)), where_(std::move(where)) {}
 
-  // The file, with the defaults of absent keys added by otherwise().
+  // The file, including the defaults added by set_default().
   [[nodiscard]] const toml::table& root() const { return root_; }
 
   [[nodiscard]] bool has_section(const char* name) const { return root_.contains(name); }
@@ -29,15 +29,15 @@ class BoardReader {
     if (table_ == nullptr) fail(section_ + " must be a section [" + section_ + "]", root_.get(name));
   }
 
-  // As section(), with what it holds where it is absent.
-  void section_or(const char* name, toml::table otherwise) {
-    if (!has_section(name)) root_.insert(name, std::move(otherwise));
+  // As section(); inserts `set_default` if the section is absent.
+  void section_or(const char* name, toml::table set_default) {
+    if (!has_section(name)) root_.insert(name, std::move(set_default));
     section(name);
   }
 
-  // Default of a key of this section.
+  // Sets the default of a key in this section.
   template <typename T>
-  void otherwise(const char* key, const T& value) {
+  void set_default(const char* key, const T& value) {
     if (table_ != nullptr && !table_->contains(key)) table_->insert(key, value);
   }
 
@@ -134,7 +134,7 @@ class BoardReader {
     return 0;
   }
 
-  // After all keys: whatever was not asked for is unknown.
+  // Call after all keys were read: every key that was not requested is unknown.
   void refuse_unknown() {
     for (const auto& [key, node] : root_) {
       const std::string name(key.str());
@@ -153,7 +153,7 @@ class BoardReader {
     }
   }
 
-  // `at`: what stands in the file; its line is named.
+  // `at`: node in the file whose line the message names.
   void fail(const std::string& what, const toml::node* at = nullptr) {
     if (!error_.empty()) return;
     const std::string line = at == nullptr ? "" : ":" + std::to_string(at->source().begin.line);
@@ -162,7 +162,8 @@ class BoardReader {
   [[nodiscard]] const std::string& error() const { return error_; }
 
  private:
-  // Escapes can spell what the file itself may not hold: a zero byte would cut a name short in C and on the wire.
+  // Escapes can produce characters that the file itself may not contain; a zero byte would truncate a name in C and on
+  // the wire.
   static bool is_plain(const std::string& value, size_t max_length) {
     return !value.empty() && value.size() <= max_length &&
            std::all_of(value.begin(), value.end(), [](char c) { return c >= ' ' && c <= '~'; });

@@ -16,11 +16,11 @@ namespace ruffini {
 // Limits of what HELLO carries.
 inline constexpr size_t kMaxBoardBytes = 8'000;  // of the file
 inline constexpr size_t kMaxNotMeasured = 8;
-inline constexpr int64_t kMaxCalibrationKb = 131'072;  // of a calibration file: what one upload may carry
-inline constexpr size_t kMaxListedLength = 23;         // of a stage, of a quantity
+inline constexpr int64_t kMaxCalibrationKb = 131'072;  // size limit of one upload
+inline constexpr size_t kMaxListedLength = 23;         // length of a stage's or quantity's name
 
 enum class Polarity { kDark, kLight, kTexture };                // dots, or patches of a texture
-enum class Gauge { kMargin, kMean, kSpacing, kVolume, kBoth };  // the last three by a table
+enum class Gauge { kMargin, kMean, kSpacing, kVolume, kBoth };  // the last three use a table
 enum class DepthSource { kLight, kMarkers };
 enum class SkinShape { kPlane, kTube, kDome };
 enum class SkinMode { kSingle, kMulti, kAuto };  // one touch, several, or as many as are seen
@@ -42,7 +42,7 @@ struct PadSettings {
   int64_t thickness_um = 0;
   int64_t modulus_pa = 0;
   int64_t poisson_1e4 = 0;
-  int64_t stiffness_sigma_1e3 = 100;  // of the force that these numbers make of a displacement, relative
+  int64_t stiffness_sigma_1e3 = 100;  // relative, of the force that these numbers give for a displacement
 };
 
 struct WindowSettings {
@@ -52,17 +52,28 @@ struct WindowSettings {
   int64_t max_y_um = 0;
 };
 
-// From the pad's corner.
+// Position relative to the pad's corner.
 struct PadPlace {
   int64_t x_um = 0;
   int64_t y_um = 0;
 };
 
+struct PicturePlace {
+  int64_t x_px = 0;
+  int64_t y_px = 0;
+};
+
+// Grid on a gel that is a quadrilateral in the picture.
+struct PictureFeatureSettings {
+  std::vector<PicturePlace> corners{};  // top left, top right, bottom right, bottom left
+  GridSize cells;
+};
+
 struct MarkerSettings {
   Polarity polarity = Polarity::kDark;
-  bool is_scattered = false;       // not on the lattice, which then only counts them
+  bool is_scattered = false;       // not on the lattice, which then only gives their number
   bool has_views = false;          // the frame is n_y views side by side, with n_x scattered markers in each
-  std::vector<PadPlace> places{};  // of scattered ones, where they are listed
+  std::vector<PadPlace> places{};  // of scattered markers, if they are listed
   GridSize lattice;
   int64_t pitch_x_um = 0;
   int64_t pitch_y_um = 0;
@@ -73,7 +84,7 @@ struct MarkerSettings {
   int64_t max_lost = 0;
 };
 
-// Dark discs on what carries the pad, by their middles.
+// Dark discs on the carrier of the pad, given by their centres.
 struct TargetSettings {
   std::vector<PadPlace> places{};
   int64_t below_um = 0;  // behind the undeformed surface
@@ -95,11 +106,11 @@ struct ContactSettings {
   int64_t min_nodes = 0;
 };
 
-// A skin that gets brighter where it is pressed; radius 0 of a plane. Limits of weights: image/glow.h.
+// A skin that becomes brighter where it is pressed; radius 0 for a plane. Limits of the weights: image/glow.h.
 struct SkinSettings {
   SkinShape shape = SkinShape::kPlane;
   int64_t radius_um = 0;
-  int64_t n_panels = 1;  // separate ones, side by side along x
+  int64_t n_panels = 1;  // separate panels, side by side along x
   SkinMode mode = SkinMode::kAuto;
   std::array<int64_t, 3> weights{};  // of B, G, R in the brightness
   int64_t level = 0;                 // of the weighted sum, in grey levels, above which a pixel is touched
@@ -126,6 +137,7 @@ struct BoardSettings {
   WindowSettings window;
   MarkerSettings markers;
   TargetSettings targets;
+  PictureFeatureSettings picture_features;
   DepthSettings depth;
   ContactSettings contact;
   SkinSettings skin;
@@ -141,7 +153,7 @@ struct BoardSettings {
   int64_t calibration_kb = kMaxCalibrationKb;  // room for the calibration file
   int n_rest_frames = 0;
   std::vector<std::string> stages;
-  std::string toml;  // the text that these settings came from
+  std::string toml;  // source text of these settings
 };
 
 // First observed node and number of observed nodes along one axis.
@@ -150,7 +162,7 @@ struct NodeRange {
   int count = 0;
 };
 
-// Nodes of [0, size] in n - 1 steps that lie in [low, high], all in micrometres.
+// Returns the nodes of [0, size] in n - 1 steps that lie in [low, high]; lengths in micrometres.
 [[nodiscard]] constexpr NodeRange observed_nodes(int n, int64_t size_um, int64_t low_um, int64_t high_um) {
   const int64_t steps = n - 1;
   const int64_t first = (low_um * steps + size_um - 1) / size_um;

@@ -25,7 +25,7 @@ struct ruffini_pipeline {
   std::unique_ptr<FramePath> path;
   std::optional<ruffini::ViewMaps> views;  // of the calibration
 
-  // Arrays that a stage of this board writes.
+  // Arrays whose slots the stages of this board write.
   [[nodiscard]] std::vector<const ruffini::SlotView*> arrays() const {
     std::vector<const ruffini::SlotView*> out;
     for (const ruffini::SlotView& view : ruffini::slot_views()) {
@@ -76,7 +76,7 @@ ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* 
   if (calibration != nullptr) {
     auto loaded = ruffini::CalibrationFile::load({calibration, calibration_bytes});
     if (!loaded) return fail(loaded.error().message), nullptr;
-    // Offline there is no sensor whose serial number could differ: a file for one sensor is computed with as it is.
+    // Offline there is no sensor whose serial number could differ: a file for one sensor is accepted.
     const ruffini::Calibration& offered = loaded.value()->get();
     const ruffini::Status fits = offered.check_target(board.value(), offered.text("sensor_serial"));
     if (!fits) return fail(fits.error().message), nullptr;
@@ -191,8 +191,8 @@ int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_
   if (!views)
     return fail("the calibration holds no views of this board: make them with `ruffini cal fit --only camera --views`");
   for (int32_t i = 0; i < n; ++i, places_q16 += 4, out += 4) {
-    const ruffini::Meeting met =
-        meet(views->at(0, places_q16[0], places_q16[1]), views->at(1, places_q16[2], places_q16[3]));
+    const ruffini::RayIntersection met =
+        triangulate(views->at(0, places_q16[0], places_q16[1]), views->at(1, places_q16[2], places_q16[3]));
     const int64_t values[4] = {met.x_q8, met.y_q8, met.z_q8, met.gap_q8};
     std::transform(values, values + 4, out, [&](int64_t v) {
       return met.is_found ? static_cast<int32_t>(std::clamp<int64_t>(v, -INT32_MAX, INT32_MAX)) : INT32_MIN;
@@ -279,6 +279,22 @@ const char* ruffini_stage_name(int32_t index) {
     return fail("stage " + std::to_string(index) + " of " + std::to_string(names.size()) + ": count from 0"), nullptr;
   }
   return names[static_cast<size_t>(index)].c_str();
+}
+
+const char* ruffini_stage_writes(int32_t index) {
+  static const std::vector<std::string> writes = [] {
+    std::vector<std::string> all;
+    for (const std::string& name : ruffini::stage_names()) {
+      const ruffini::SlotSet slots = ruffini::stage_table()[ruffini::stage_row(name)].writes;
+      std::string& out = all.emplace_back();
+      for (size_t i = 0; i < ruffini::kSlotCount; ++i) {
+        const auto slot = static_cast<ruffini::Slot>(i);
+        if (slots.has(slot)) out += (out.empty() ? "" : " ") + std::string(slot_name(slot));
+      }
+    }
+    return all;
+  }();
+  return ruffini_stage_name(index) == nullptr ? nullptr : writes[static_cast<size_t>(index)].c_str();
 }
 
 int ruffini_stage_times(const ruffini_pipeline* pipeline, uint64_t* ns) {

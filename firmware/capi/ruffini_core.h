@@ -100,6 +100,8 @@ RUFFINI_API int ruffini_get_slot(ruffini_pipeline* pipeline, const char* name, v
 /* The stages that a board may list, in their order; NULL beyond. Nanoseconds of each in the last frame, 0: not run. */
 RUFFINI_API int32_t ruffini_stage_count(void);
 RUFFINI_API const char* ruffini_stage_name(int32_t index);
+/* The slots that this stage writes (firmware/core/slots.h), with spaces between; NULL beyond. */
+RUFFINI_API const char* ruffini_stage_writes(int32_t index);
 RUFFINI_API int ruffini_stage_times(const ruffini_pipeline* pipeline, uint64_t* ns);
 
 #ifdef __cplusplus

@@ -64,7 +64,7 @@ const char* no_sigma(FramePath& path) {
 }
 // Computed when it is asked for.
 const char* no_residual(FramePath& path) {
-  path.find_residual();
+  path.compute_residual();
   return path.state().residual.validity == Validity::kNotMeasured ? "the last frame had no second pass" : "";
 }
 
@@ -109,10 +109,16 @@ constexpr SlotView kViews[] = {
      [](FramePath& path, void* to) {
        Out<int64_t> out(to);
        for (const Target& t : path.targets()) {
-         for (const DiscSight& s : {t.rest, t.now}) out.put(s.x_q16, s.y_q16, s.area_q8, s.bright_q8);
+         for (const DiscMeasurement& s : {t.rest, t.now}) out.put(s.x_q16, s.y_q16, s.area_q8, s.bright_q8);
          out.put(t.is_lost);
        }
        return path.targets().size();
+     }},
+    {"features", Slot::kFeatures, "i4", "markers, targets: 1/65536 px, areas 1/256 px^2; picture: 1/65536 of rest", "",
+     [](const FramePath& path) { return shape_of(path.state().features.value.size()); },
+     [](FramePath& path, void* to) {
+       Out<int32_t>(to).put_all(path.state().features.value);
+       return path.state().features.value.size();
      }},
     {"slope", Slot::kSlope, "i2", "1/4096", "dz_dx dz_dy",
      [](const FramePath& path) { return grid(path.state().depth.grid, 2); },
@@ -236,10 +242,10 @@ constexpr SlotView kViews[] = {
      [](FramePath& path, void* to) {
        const TipTouch& t = path.state().tip;
        Out<int64_t> out(to);
-       out.put(t.is_touched, t.is_known, t.is_in_range, t.force_un, t.way_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad,
+       out.put(t.is_touched, t.is_known, t.is_in_range, t.force_un, t.travel_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad,
                t.area_um2);
        out.put_all(t.sigma);
-       out.put(t.flat_um2, t.flat_sigma_um2);
+       out.put(t.flat_area_um2, t.flat_area_sigma_um2);
        return size_t{19};
      }},
     {"radial_flow", Slot::kProfile, "i8", "1/16 um, on 16 rings", "", row<Profile::kRings>,
@@ -272,7 +278,7 @@ constexpr SlotView kViews[] = {
      row<16>,
      [](FramePath& path, void* to) {
        const ModelledContact& c = path.state().modelled;
-       Out<int64_t>(to).put(c.is_touched, c.kind, c.sure_1e3, c.gel_depth_um, c.press_depth_um, c.depth_sigma_um,
+       Out<int64_t>(to).put(c.is_touched, c.kind, c.confidence_1e3, c.gel_depth_um, c.press_depth_um, c.depth_sigma_um,
                             c.area_um2, c.effective_area_um2, c.stiffness_pa_um, c.shore_q4, c.shore_sigma_q4,
                             c.is_strange, c.depth_validity, c.hardness_validity, c.mean_flow_um, c.moment_by_flow_unmm);
        return size_t{16};

@@ -1,4 +1,4 @@
-// The arrays of a frame that the C interface lists: which slot each shows, its type, shape and unit.
+// Arrays of a frame that the C interface lists: slot, type, shape and unit of each.
 #pragma once
 
 #include <array>
@@ -21,19 +21,19 @@ struct ArrayShape {
 struct SlotView {
   const char* name;
   Slot slot;
-  const char* type;     // as numpy names it: u1, i2, i4, i8, u8
+  const char* type;     // numpy's name: u1, i2, i4, i8, u8
   const char* unit;     // of one step
-  const char* columns;  // of the last axis, where each is a quantity of its own; else empty
+  const char* columns;  // names for the last axis, if its columns are different quantities; else empty
   ArrayShape (*shape)(const FramePath& path);
-  // Copies the array; returns how many rows of the first axis are valid.
+  // Copies the array. Returns the number of valid rows along the first axis.
   size_t (*copy)(FramePath& path, void* out);
-  // Why the last frame has none of it, or empty.
+  // Reason why the last frame has no value for it, or empty.
   const char* (*absence)(FramePath& path) = [](FramePath&) { return ""; };
 
   [[nodiscard]] size_t value_bytes() const { return static_cast<size_t>(type[1] - '0'); }
 };
 
-// Of every board; one of these is there if a stage of the board writes its slot.
+// All arrays of all boards. An array is available if a stage of the board writes its slot.
 [[nodiscard]] std::span<const SlotView> slot_views();
 
 }  // namespace ruffini

@@ -9,7 +9,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int kMostWithoutPair = 600;  // frames in a row
+constexpr int kMaxWithoutPair = 600;  // frames in a row
 
 class AlternatingCamera final : public Camera {
  public:
@@ -23,7 +23,7 @@ class AlternatingCamera final : public Camera {
     if (status != CaptureStatus::kFrame) return status;
     const Lamps lamps = lamps_(buffer);
     const bool is_pair = lamps == Lamps::kLit && has_dark_ && buffer.number == dark_number_ + 1;
-    const bool lost_one = has_dark_ && !is_pair;  // a dark one, whose lit one did not come
+    const bool lost_one = has_dark_ && !is_pair;  // a dark frame whose lit frame did not arrive
     has_dark_ = lamps == Lamps::kDark;
     if (is_pair) {
       n_alone_ = 0;
@@ -31,7 +31,7 @@ class AlternatingCamera final : public Camera {
       buffer.number /= 2;
       return CaptureStatus::kFrame;
     }
-    if (++n_alone_ >= kMostWithoutPair) {
+    if (++n_alone_ >= kMaxWithoutPair) {
       problem_ =
           "light.alternation: no lit frame follows a dark one: is [light] the line of the lamps, and do exposure "
           "and read-out leave a gap between two frames?";
@@ -39,7 +39,7 @@ class AlternatingCamera final : public Camera {
     }
     if (!has_dark_) return CaptureStatus::kInvalidFrame;
     dark_number_ = buffer.number;
-    std::swap(dark_, buffer.pixels);  // of the same size: nothing is copied
+    std::swap(dark_, buffer.pixels);  // same size, so nothing is copied
     return lost_one ? CaptureStatus::kInvalidFrame : CaptureStatus::kNothing;
   }
   [[nodiscard]] std::string problem() const override { return problem_; }

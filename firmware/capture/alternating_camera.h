@@ -1,8 +1,8 @@
-// A camera of whose frames every second one is taken with the lamps off: gives what the lamps alone make.
+// Combines lit and dark frames of a camera: gives the light of the lamps alone.
 //
-// A lit frame less the dark one whose number is one below is a frame; its time is the lit one's, its number half of that
-// one's. A frame whose partner was lost, or during which the lamps were switched, is an invalid frame and counted so.
-// What the pad does between the two exposures is in the difference where daylight has edges: half a frame of motion.
+// A result is a lit frame minus the dark frame with the preceding number. Its time is that of the lit frame, its number
+// half of that frame's. A frame without its partner, or one during which the lamps were switched, is an invalid frame
+// and is counted. Motion between the two exposures, half a frame period, remains visible at edges of ambient light.
 #pragma once
 
 #include <functional>
@@ -14,13 +14,13 @@ namespace ruffini {
 
 enum class Lamps { kLit, kDark, kNotKnown };
 
-// What the lamps did while a frame was taken.
+// Returns the state of the lamps while a frame was taken.
 using LampsDuring = std::function<Lamps(const FramePool::Buffer& frame)>;
 
-// Of a camera whose odd frames are lit: a twin's.
+// For a camera whose odd frames are lit, such as a twin.
 [[nodiscard]] Lamps lamps_by_number(const FramePool::Buffer& frame);
 
-// `n_bytes` of a picture. A camera that never gives a pair ends with a sentence.
+// `n_bytes`: size of a picture. A camera that never gives a pair ends with an error message.
 [[nodiscard]] std::unique_ptr<Camera> alternate(std::unique_ptr<Camera> camera, LampsDuring lamps, size_t n_bytes);
 
 }  // namespace ruffini

@@ -1,4 +1,4 @@
-// Where frames come from. The camera owns the pixels; a FrameLease lends one frame and gives it back.
+// Source of frames. The camera owns the pixels; a FrameLease holds one frame and returns it.
 #pragma once
 
 #include <atomic>
@@ -14,7 +14,7 @@
 
 namespace ruffini {
 
-// Frame buffers of fixed size, lent out one by one. Any thread may give back.
+// Frame buffers of fixed size, lent one by one. Any thread may return a buffer.
 class FramePool {
  public:
   FramePool(int n_buffers, int width_px, int height_px);
@@ -22,12 +22,12 @@ class FramePool {
   struct Buffer {
     std::vector<uint8_t> pixels;  // B, G, R
     uint64_t capture_us = 0;      // mid-exposure, monotonic
-    uint64_t number = 0;          // of the camera; gaps mean drops
-    bool is_time_wrong = false;   // capture_us is that of arrival
+    uint64_t number = 0;          // camera's number; gaps mean dropped frames
+    bool is_time_wrong = false;   // capture_us is the time of arrival
     std::atomic<bool> is_lent{false};
   };
 
-  // Index of a free buffer, now lent; nullopt when all are out.
+  // Returns the index of a free buffer, which is now lent; nullopt if none is free.
   std::optional<int> lend();
   void give_back(int index) { buffers_[static_cast<size_t>(index)]->is_lent.store(false, std::memory_order_release); }
   Buffer& operator[](int index) { return *buffers_[static_cast<size_t>(index)]; }
@@ -53,7 +53,7 @@ class FrameLease {
   [[nodiscard]] uint64_t capture_us() const { return (*pool_)[index_].capture_us; }
   [[nodiscard]] uint64_t number() const { return (*pool_)[index_].number; }
   [[nodiscard]] bool is_time_wrong() const { return (*pool_)[index_].is_time_wrong; }
-  // Hands the buffer on without giving it back: the receiver makes its own lease.
+  // Releases ownership without returning the buffer: the receiver creates its own lease.
   int release() {
     pool_ = nullptr;
     return index_;
@@ -64,15 +64,15 @@ class FrameLease {
   int index_;
 };
 
-// kNothing: no frame came in a while (a stalled camera); ask again.
+// kNothing: no frame arrived within a while (a stalled camera); call again.
 enum class CaptureStatus { kFrame, kEnd, kInvalidFrame, kNothing };
 
 class Camera {
  public:
   virtual ~Camera() = default;
-  // Blocks until the next frame is due, though not for long, and writes it to `buffer`. Capture thread.
+  // Waits a limited time for the next frame and writes it to `buffer`. Capture thread.
   virtual CaptureStatus capture(FramePool::Buffer& buffer) = 0;
-  // After kEnd: what went wrong, in one sentence; empty where the frames came to their proper end.
+  // After kEnd: the error in one sentence; empty for a normal end.
   [[nodiscard]] virtual std::string problem() const { return {}; }
   [[nodiscard]] virtual bool is_simulated() const = 0;
   [[nodiscard]] virtual bool is_replay() const = 0;

@@ -2,13 +2,13 @@
 
 #include <csetjmp>
 #include <cstdio>
-// jpeglib.h needs size_t and FILE from the headers above.
+// jpeglib.h requires size_t and FILE from the headers above.
 #include <jerror.h>
 #include <jpeglib.h>
 
 namespace ruffini {
 
-// The library's own way out of an error is a jump: no C++ object with a destructor lives between it and decode_rows.
+// The library leaves errors by longjmp: no C++ object with a destructor may exist between it and decode_rows.
 struct JpegDecoder::State {
   jpeg_decompress_struct image{};
   jpeg_error_mgr errors{};
@@ -20,7 +20,8 @@ struct JpegDecoder::State {
 
   [[noreturn]] static void fail(j_common_ptr image) { std::longjmp(of(image).way_out, 1); }
 
-  // Level -1 is damage that the library conceals, but for bytes after a whole picture, with which some cameras fill up.
+  // Level -1 is damage that the library conceals, except extra bytes after a complete picture, which some cameras
+  // append.
   static void warn(j_common_ptr image, int level) {
     constexpr int kEndOfImage = 0xd9;
     if (level >= 0) return;
@@ -49,7 +50,7 @@ struct JpegDecoder::State {
     }
     jpeg_mem_src(&image, data, n_bytes);
     jpeg_read_header(&image, TRUE);
-    // A camera sends one scan. Of several, a few bytes could ask for minutes of work.
+    // A camera sends one scan. With several scans a few bytes could demand minutes of work.
     const bool is_wanted = image.image_width == static_cast<JDIMENSION>(width) &&
                            image.image_height == static_cast<JDIMENSION>(height) &&
                            jpeg_has_multiple_scans(&image) == 0;

@@ -1,5 +1,5 @@
-// A Motion-JPEG frame of a camera as B, G, R. Any bytes may come: what is not one whole frame of the wanted size is no
-// frame. Decoding is libjpeg-turbo's, with its accurate integer transform.
+// Decodes a Motion-JPEG frame to B, G, R. The input is untrusted: anything but one complete frame of the expected size
+// is rejected. Uses libjpeg-turbo with its accurate integer transform.
 #pragma once
 
 #include <cstddef>
@@ -15,8 +15,8 @@ class JpegDecoder {
   JpegDecoder& operator=(const JpegDecoder&) = delete;
   ~JpegDecoder();
 
-  // Writes 3 width height bytes to `out`; false: damaged, cut short, progressive, or of another size, and what `out`
-  // holds means nothing. The library allocates some memory for each frame. Capture thread.
+  // Writes 3 width height bytes to `out`. Returns false if the frame is damaged, truncated, progressive, or of another
+  // size; `out` is undefined then. The library allocates some memory for each frame. Capture thread.
   [[nodiscard]] bool decode(const uint8_t* data, size_t n_bytes, int width, int height, uint8_t* out);
 
  private:

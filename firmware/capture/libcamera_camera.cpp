@@ -36,7 +36,8 @@ struct Format {
   lc::PixelFormat format;
   PixelLayout layout;
 };
-// Dearest first. libcamera names formats as DRM does: from the highest bits down, so RGB888 is B, G, R in memory.
+// In order of preference. libcamera names formats as DRM does, from the highest bits down, so RGB888 is B, G, R in
+// memory.
 const std::array<Format, 5>& formats() {
   static const std::array<Format, 5> kFormats = {{{lc::formats::RGB888, PixelLayout::kBgr},
                                                   {lc::formats::BGR888, PixelLayout::kRgb},
@@ -95,7 +96,7 @@ class LibcameraCamera : public Camera {
       ids += (ids.empty() ? "" : ", ") + camera->id();
       if (camera->id().find(name) != std::string::npos) fitting.push_back(camera);
     }
-    // A pipeline whose links another program has set up may not list its camera at all.
+    // A pipeline whose links another program has configured may not list its camera.
     const std::string absent = "is not there, or another program uses it (fuser /dev/media*): libcamera sees ";
     if (ids.empty()) return unavailable(name, absent + "none. Look at its cable, then `cam -l`");
     if (fitting.empty()) return unavailable(name, absent + ids);
@@ -104,7 +105,7 @@ class LibcameraCamera : public Camera {
     }
     session_->camera = fitting.front();
     id_ = session_->camera->id();
-    // The pipeline that makes its pictures up is no camera. vimc, the kernel's, is its peer.
+    // A pipeline that generates its pictures is no camera. vimc is the kernel's equivalent.
     is_simulated_ = id_.rfind("Virtual", 0) == 0 || id_.find("vimc") != std::string::npos;
     if (session_->camera->acquire() != 0) {
       return unavailable(id_, "is used by another program: end that one (fuser /dev/media*)");
@@ -113,7 +114,8 @@ class LibcameraCamera : public Camera {
     return Unit{};
   }
 
-  // The first of formats() that the camera has and starts in: drivers take formats in which they then do not stream.
+  // Selects the first of formats() that the camera supports and starts in: drivers accept formats in which they then do
+  // not stream.
   Status start_in_some_format() {
     session_->configuration = session_->camera->generateConfiguration({lc::StreamRole::VideoRecording});
     if (!session_->configuration || session_->configuration->empty()) return unavailable(id_, "offers no video");
@@ -128,7 +130,7 @@ class LibcameraCamera : public Camera {
       if (Status made = make_buffers(); !made) return made;
       if (Status asked = ask_controls(); !asked) return asked;
       if (start()) return Unit{};
-      session_->let_buffers_go();
+      session_->free_buffers();
     }
     if (was_configured) return unavailable(id_, "did not start: is another program using it? dmesg says more");
     return Error{ErrorKind::kBadInput, "camera " + id_ + " has no mode of " + frame_size().toString() +
@@ -139,7 +141,7 @@ class LibcameraCamera : public Camera {
     return {static_cast<unsigned>(board_.camera.width_px), static_cast<unsigned>(board_.camera.height_px)};
   }
 
-  // Adds what the camera would give instead to `seen`.
+  // Appends what the camera would provide instead to `seen`.
   bool configure(const Format& wanted, std::string& seen) {
     lc::StreamConfiguration& stream = session_->configuration->at(0);
     stream.pixelFormat = wanted.format;
@@ -160,7 +162,8 @@ class LibcameraCamera : public Camera {
     return {{fd, 0, luma}, {fd, luma, luma / 2}};
   }
 
-  // Own memory in DMA heaps is cached, so read fast; a pipeline without heaps brings its own, or takes a memfd.
+  // Memory from DMA heaps is cached, so reading is fast. A pipeline without heaps allocates its own, or accepts a
+  // memfd.
   Status make_buffers() {
     lc::Stream* stream = session_->configuration->at(0).stream();
     std::vector<lc::FrameBuffer*> buffers;
@@ -170,7 +173,7 @@ class LibcameraCamera : public Camera {
       if (!memory) return memory.error();
       is_dma = is_dma && memory.value().is_dma;
       const int number = memory.value().fd.get();
-      const lc::SharedFD fd(number);  // a duplicate; of a number that is no lvalue it would be the owner
+      const lc::SharedFD fd(number);  // duplicates the descriptor; from an rvalue it would take ownership
       session_->own_buffers.push_back(std::make_unique<lc::FrameBuffer>(planes(fd)));
       buffers.push_back(session_->own_buffers.back().get());
     }
@@ -198,18 +201,18 @@ class LibcameraCamera : public Camera {
   Status ask_controls() {
     const int64_t period_us = 1'000'000'000 / board_.camera.rate_mhz;
     const std::array<int64_t, 2> limits = {period_us, period_us};
-    // The virtual pipeline knows the control, and gives a thousand frames a second all the same.
-    is_paced_here_ = !ask(*session_->camera, "FrameDurationLimits",
-                          lc::ControlValue(lc::Span<const int64_t, 2>(limits)), controls_) ||
+    // The virtual pipeline has the control, but still gives a thousand frames a second.
+    is_paced_here_ = !add_control(*session_->camera, "FrameDurationLimits",
+                                  lc::ControlValue(lc::Span<const int64_t, 2>(limits)), controls_) ||
                      is_simulated_;
     period_ = std::chrono::microseconds(period_us);
     if (board_.exposure.white_kelvin != 0 && !by_device_) {
       if (Status set = set_by_device(); !set) return set;
     }
-    return ask_exposure(*session_->camera, board_.exposure, controls_);
+    return add_exposure_controls(*session_->camera, board_.exposure, controls_);
   }
 
-  // What libcamera's pipeline for USB has not.
+  // Controls that libcamera's USB pipeline does not support.
   Status set_by_device() {
     const auto nodes = session_->camera->properties().get(lc::properties::SystemDevices);
     if (!nodes || nodes->size() != 1) {
@@ -238,7 +241,7 @@ class LibcameraCamera : public Camera {
     session_->camera->queueRequest(request);
   }
 
-  // Waits for a frame; older ones that wait, too, go back to the camera.
+  // Waits for a frame; older waiting frames return to the camera.
   lc::Request* newest() {
     if (is_paced_here_) {
       std::this_thread::sleep_until(due_);
@@ -260,7 +263,7 @@ class LibcameraCamera : public Camera {
     const std::lock_guard lock(session_->mutex);
     return session_->is_gone;
   }
-  // libcamera may hear of it later than the kernel knows: its device nodes are no more.
+  // The kernel may know before libcamera: the device nodes have disappeared.
   [[nodiscard]] bool is_gone() const {
     if (is_told_gone()) return true;
     const std::string numbers = "/sys/dev/char/";
@@ -292,11 +295,12 @@ class LibcameraCamera : public Camera {
     return CaptureStatus::kEnd;
   }
 
-  // A stop that does not come back is left alone, with all that it may still touch. So is a camera that is gone:
-  // libcamera (0.7.1) ends the process where one is stopped whose requests the kernel never gave back.
+  // If stop() does not return, the session is abandoned, with everything that it may still access. So is a camera that
+  // was unplugged: libcamera (0.7.1) aborts the process if a camera is stopped whose requests the kernel never
+  // returned.
   bool stop_in_time() {
     if (is_gone()) {
-      left_alone_ = session_.release();
+      abandoned_ = session_.release();
       return false;
     }
     session_->is_running = false;
@@ -307,14 +311,14 @@ class LibcameraCamera : public Camera {
       p.set_value();
     }).detach();
     if (stopped.wait_for(kStopTime) == std::future_status::ready) return true;
-    left_alone_ = session_.release();
+    abandoned_ = session_.release();
     return false;
   }
 
   CaptureStatus take(lc::Request& request, FramePool::Buffer& buffer) {
     lc::FrameBuffer* frame = request.buffers().begin()->second;
     const lc::FrameMetadata& about = frame->metadata();
-    // Of a camera without a rate those that come too soon are not missing.
+    // Frames of a camera without a rate that arrive too early are not missing.
     const uint32_t step = has_sequence_ && !is_paced_here_ ? about.sequence - sequence_ : 1;
     has_sequence_ = true;
     sequence_ = about.sequence;
@@ -355,7 +359,7 @@ class LibcameraCamera : public Camera {
 
   BoardSettings board_;
   std::unique_ptr<LibcameraSession> session_;
-  LibcameraSession* left_alone_ = nullptr;  // never deleted: the kernel may still write there
+  LibcameraSession* abandoned_ = nullptr;  // never deleted: the kernel may still write there
   std::string id_;
   std::string problem_;
   bool is_simulated_ = false;

@@ -1,4 +1,4 @@
-// What a camera of libcamera is told before it starts.
+// Sets the controls of a libcamera camera before it starts.
 #pragma once
 
 #include <libcamera/libcamera.h>
@@ -8,13 +8,14 @@
 
 namespace ruffini {
 
-// Adds a control by its name to `out`: names outlived the numbers from release to release. false: the camera has none.
-bool ask(const libcamera::Camera& camera, const char* name, const libcamera::ControlValue& value,
-         libcamera::ControlList& out);
+// Adds a control by name to `out`, because numbers change between releases and names do not. Returns false if the
+// camera does not have it.
+bool add_control(const libcamera::Camera& camera, const char* name, const libcamera::ControlValue& value,
+                 libcamera::ControlList& out);
 
-// [exposure], but for white_kelvin, which libcamera has not (v4l2_exposure.h). Errors: kBadInput, with what the camera
-// cannot be told.
-[[nodiscard]] Status ask_exposure(const libcamera::Camera& camera, const ExposureSettings& exposure,
-                                  libcamera::ControlList& out);
+// Adds [exposure], except white_kelvin, which libcamera does not support (v4l2_exposure.h). Returns kBadInput with the
+// values that the camera does not accept.
+[[nodiscard]] Status add_exposure_controls(const libcamera::Camera& camera, const ExposureSettings& exposure,
+                                           libcamera::ControlList& out);
 
 }  // namespace ruffini

@@ -27,8 +27,8 @@ YuvRule rule_of(const std::optional<lc::ColorSpace>& space) {
   return is_full ? kFull601 : kLimited601;
 }
 
-// libcamera: stamps are of the start of the first row's exposure, by the clock that counts in sleep, too; some
-// pipelines give the kernel's monotonic time. A stamp ahead of that can only be the former.
+// libcamera stamps the start of the first row's exposure with the clock that includes suspend; some pipelines use the
+// kernel's monotonic time. A stamp ahead of the latter must be the former.
 uint64_t middle_us(const lc::ControlList& said, const lc::FrameMetadata& about) {
   int64_t stamp_ns = said.get(lc::controls::SensorTimestamp).value_or(static_cast<int64_t>(about.timestamp));
   const int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
@@ -38,10 +38,10 @@ uint64_t middle_us(const lc::ControlList& said, const lc::FrameMetadata& about) 
   return static_cast<uint64_t>(std::max<int64_t>(stamp_ns / 1'000 + exposure_us / 2, 0));
 }
 
-// What the frame was really taken with, where that is not what [exposure] asks; what is not told is not judged.
+// Describes how the frame's reported settings differ from [exposure]; settings that are not reported are not checked.
 std::string drift_of(const lc::ControlList& said, const ExposureSettings& asked) {
   if (!asked.is_manual()) return {};
-  // A sensor's steps: rows of exposure, sixteenths of gain.
+  // Step sizes of a sensor: rows of exposure, sixteenths of gain.
   constexpr double kPart = 0.02;
   if (const auto time = said.get(lc::controls::ExposureTime);
       time && !is_within(*time, static_cast<double>(asked.time_us), kPart)) {

@@ -1,4 +1,4 @@
-// What libcamera says of a stream and of a frame.
+// Evaluates libcamera's metadata of a stream and of a frame.
 #pragma once
 
 #include <libcamera/libcamera.h>
@@ -14,10 +14,10 @@ namespace ruffini {
 
 [[nodiscard]] YuvRule rule_of(const std::optional<libcamera::ColorSpace>& space);
 
-// The middle of the first row's exposure, in microseconds of CLOCK_MONOTONIC.
+// Exposure midpoint of the first row, in microseconds of CLOCK_MONOTONIC.
 [[nodiscard]] uint64_t middle_us(const libcamera::ControlList& said, const libcamera::FrameMetadata& about);
 
-// What the frame was really taken with, where that is not what [exposure] asks; what is not told is not judged.
+// Describes how the frame's reported settings differ from [exposure]; settings that are not reported are not checked.
 [[nodiscard]] std::string drift_of(const libcamera::ControlList& said, const ExposureSettings& asked);
 
 }  // namespace ruffini

@@ -28,7 +28,7 @@ void LibcameraSession::disconnect() {
   changed.notify_one();
 }
 
-void LibcameraSession::let_buffers_go() {
+void LibcameraSession::free_buffers() {
   requests.clear();
   mappings.clear();
   own_buffers.clear();
@@ -36,7 +36,7 @@ void LibcameraSession::let_buffers_go() {
 }
 
 LibcameraSession::~LibcameraSession() {
-  let_buffers_go();
+  free_buffers();
   if (!camera) return;
   camera->requestCompleted.disconnect();
   camera->disconnected.disconnect();

@@ -1,4 +1,4 @@
-// One camera of libcamera with its buffers and requests.
+// One libcamera camera with its buffers and requests.
 #pragma once
 
 #include <libcamera/libcamera.h>
@@ -17,11 +17,11 @@ namespace ruffini {
 
 inline constexpr unsigned kRequests = 4;
 
-// libcamera allows one manager in a process, however many cameras are open; it stops with the last of them.
-// nullptr: it did not start.
+// libcamera permits one manager per process, however many cameras are open; it stops with the last of them. Returns
+// nullptr if it did not start.
 [[nodiscard]] std::shared_ptr<libcamera::CameraManager> camera_manager();
 
-// Everything of libcamera, so that it can be left alone as a whole where a call does not come back.
+// All libcamera objects of a camera, in one struct so that they can be abandoned together if a call does not return.
 struct LibcameraSession {
   std::shared_ptr<libcamera::CameraManager> manager;
   std::shared_ptr<libcamera::Camera> camera;
@@ -33,7 +33,7 @@ struct LibcameraSession {
   bool is_acquired = false;
   bool is_running = false;
 
-  std::mutex mutex;  // of what follows
+  std::mutex mutex;  // guards the members below
   std::condition_variable changed;
   std::array<libcamera::Request*, kRequests> done{};
   size_t n_done = 0;
@@ -44,10 +44,10 @@ struct LibcameraSession {
   LibcameraSession& operator=(const LibcameraSession&) = delete;
   ~LibcameraSession();
 
-  // Of a stream that did not start.
-  void let_buffers_go();
+  // Frees the buffers of a stream that did not start.
+  void free_buffers();
 
-  // libcamera's thread.
+  // Called in libcamera's thread.
   void complete(libcamera::Request* request);
   void disconnect();
 };

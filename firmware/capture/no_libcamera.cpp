@@ -1,4 +1,4 @@
-// In the place of libcamera_camera.cpp where libcamera was not there to build with.
+// Replaces libcamera_camera.cpp in builds without libcamera.
 #include "capture/libcamera_camera.h"
 
 namespace ruffini {

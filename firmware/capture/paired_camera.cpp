@@ -34,7 +34,7 @@ class PairedCamera final : public Camera {
     Eye& right = eyes_[1];
     const auto [early_us, late_us] = std::minmax(left.frame.capture_us, right.frame.capture_us);
     const uint64_t apart_us = late_us - early_us;
-    // Recordings do not say when their frames were taken.
+    // Recordings do not store capture times.
     const bool are_together = is_replay() ? left.frame.number == right.frame.number : apart_us <= tolerance_us_;
     if (!are_together) {
       const bool is_left_older =
@@ -59,7 +59,7 @@ class PairedCamera final : public Camera {
   struct Eye {
     std::unique_ptr<Camera> camera;
     FramePool::Buffer frame;
-    bool is_full = false;  // `frame` waits for its partner
+    bool is_full = false;  // `frame` is waiting for its partner
   };
 
   CaptureStatus leave_alone(uint64_t apart_us) {

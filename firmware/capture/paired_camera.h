@@ -1,9 +1,9 @@
-// Two cameras as one: what both saw at the same moment, side by side, the first one's picture on the left.
+// Two cameras as one: simultaneous pictures side by side, the first camera's on the left.
 //
-// Frames belong together where their middles of exposure are at most a tolerance apart, those of recordings, which do not
-// say when, where their numbers are the same. The pair's time is the mean of both, its number the left one's. A frame whose
-// partner was lost is an invalid frame, and counted so. Cameras that never meet, or of which one ends, end the pair with a
-// sentence: half a picture is no measurement.
+// Frames form a pair if their exposure midpoints are at most a tolerance apart; frames of recordings, which have no
+// times, if their numbers are equal. The pair's time is the mean of both, its number that of the left frame. A frame
+// without partner is an invalid frame and is counted. If the cameras never form pairs, or one of them ends, the pair
+// ends with an error message: half a picture is not a measurement.
 #pragma once
 
 #include <memory>
@@ -12,7 +12,7 @@
 
 namespace ruffini {
 
-// Size of the picture of the pair; each camera makes `width_px` / 2. Errors: kBadInput, where one is live and one is not.
+// Size of the joint picture; each camera gives `width_px` / 2. Errors: kBadInput if only one of them is live.
 [[nodiscard]] Result<std::unique_ptr<Camera>> pair_cameras(std::unique_ptr<Camera> left, std::unique_ptr<Camera> right,
                                                            int width_px, int height_px, uint64_t tolerance_us);
 

@@ -11,7 +11,7 @@ constexpr int32_t kHalf = 1 << (kShift - 1);
 
 uint8_t level(int32_t q14) { return static_cast<uint8_t>(std::clamp((q14 + kHalf) >> kShift, 0, 255)); }
 
-// Two neighbours share their U and V.
+// Two adjacent pixels share U and V.
 void pair_to_bgr(const YuvRule& rule, int y0, int y1, int u, int v, uint8_t* out) {
   const int32_t b = rule.u_to_b * (u - 128);
   const int32_t g = rule.u_to_g * (u - 128) + rule.v_to_g * (v - 128);

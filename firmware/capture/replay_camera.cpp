@@ -1,18 +1,18 @@
 #include "capture/replay_camera.h"
 
+#include <dlfcn.h>
+
 #include <algorithm>
 #include <chrono>
-#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <opencv2/core/utils/logger.hpp>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/videoio.hpp>
 #include <thread>
+#include <utility>
 
 #include "board/plain_toml.h"
+#include "capture/pictures.h"
 
 namespace ruffini {
 namespace {
@@ -22,91 +22,38 @@ namespace fs = std::filesystem;
 // Between two looks at the clock, which need not be the computer's own: a daemon that is to end waits no longer.
 constexpr uint64_t kLookNs = 1'000'000;
 
-const cv::Size kUnreadable(1, 1);  // stands for a file that is no picture: no board's size, so it is counted
-
 constexpr int64_t kMinRateMhz = 100;  // as board.toml's
 constexpr int64_t kMaxRateMhz = 1'000'000;
 
-// A source of pictures; an empty Mat is the end.
-class Pictures {
- public:
-  virtual ~Pictures() = default;
-  virtual cv::Mat next() = 0;
-  virtual void rewind() = 0;
-};
-
-class FolderPictures : public Pictures {
- public:
-  explicit FolderPictures(std::vector<fs::path> files) : files_(std::move(files)) {}
-  cv::Mat next() override {
-    if (at_ == files_.size()) return {};
-    const fs::path& file = files_[at_++];
-    std::error_code failed;
-    cv::Mat picture;
-    try {  // OpenCV throws on what it finds too large, on a lack of memory, and waits for a pipe
-      if (fs::is_regular_file(file, failed)) picture = cv::imread(file.string(), cv::IMREAD_COLOR);
-    } catch (const std::exception&) {
-      picture.release();
-    }
-    return picture.empty() ? cv::Mat(kUnreadable, CV_8UC3) : picture;
-  }
-  void rewind() override { at_ = 0; }
-
- private:
-  std::vector<fs::path> files_;
-  size_t at_ = 0;
-};
-
-class VideoPictures : public Pictures {
- public:
-  explicit VideoPictures(std::string path) : path_(std::move(path)) {
-    if (std::error_code failed; fs::is_regular_file(path_, failed)) video_.open(path_);
-  }
-  [[nodiscard]] bool is_open() const { return video_.isOpened(); }
-  [[nodiscard]] double rate_hz() const { return video_.get(cv::CAP_PROP_FPS); }
-  cv::Mat next() override {
-    cv::Mat picture;
-    try {
-      video_.read(picture);
-    } catch (const std::exception&) {
-      picture = cv::Mat(kUnreadable, CV_8UC3);
-    }
-    return picture;
-  }
-  void rewind() override { video_.open(path_); }
-
- private:
-  std::string path_;
-  cv::VideoCapture video_;
-};
-
 class ReplayCamera : public Camera {
  public:
-  ReplayCamera(std::unique_ptr<Pictures> pictures, cv::Mat first, const ReplayOptions& options, int64_t rate_mhz,
+  ReplayCamera(std::unique_ptr<Pictures> pictures, const Picture& first, const ReplayOptions& options, int64_t rate_mhz,
                bool is_simulated, const Clock& clock)
       : pictures_(std::move(pictures)),
-        pending_(std::move(first)),
-        size_(pending_.size()),
+        pending_(first),
+        width_px_(first.width_px),
+        height_px_(first.height_px),
         options_(options),
         period_ns_(static_cast<uint64_t>(1'000'000'000'000 / rate_mhz)),
         is_simulated_(is_simulated),
         clock_(clock) {}
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
-    if (pending_.empty()) pending_ = pictures_->next();
-    if (pending_.empty() && options_.is_loop) {
+    if (!pending_) pending_ = pictures_->next();
+    if (!pending_ && options_.is_loop) {
       pictures_->rewind();
       pending_ = pictures_->next();
     }
-    if (pending_.empty()) return CaptureStatus::kEnd;
+    if (!pending_) return CaptureStatus::kEnd;
     if (!options_.is_lockstep && !is_due()) return CaptureStatus::kNothing;
-    const cv::Mat picture = std::exchange(pending_, cv::Mat());
+    const Picture picture = *std::exchange(pending_, std::nullopt);
     buffer.number = number_++;
     buffer.capture_us = clock_.now_us();
-    if (picture.size() != size_ || picture.type() != CV_8UC3) return CaptureStatus::kInvalidFrame;
-    for (int y = 0; y < picture.rows; ++y) {
-      std::memcpy(buffer.pixels.data() + static_cast<size_t>(y) * static_cast<size_t>(picture.cols) * 3, picture.ptr(y),
-                  static_cast<size_t>(picture.cols) * 3);
+    if (picture.width_px != width_px_ || picture.height_px != height_px_) return CaptureStatus::kInvalidFrame;
+    const size_t n_bytes = static_cast<size_t>(width_px_) * 3;
+    for (int y = 0; y < height_px_; ++y) {
+      std::memcpy(buffer.pixels.data() + static_cast<size_t>(y) * n_bytes, picture.pixels + y * picture.row_bytes,
+                  n_bytes);
     }
     return CaptureStatus::kFrame;
   }
@@ -129,8 +76,9 @@ class ReplayCamera : public Camera {
   }
 
   std::unique_ptr<Pictures> pictures_;
-  cv::Mat pending_;
-  cv::Size size_;
+  std::optional<Picture> pending_;
+  int width_px_;
+  int height_px_;
   ReplayOptions options_;
   uint64_t period_ns_;
   uint64_t due_ns_ = 0;
@@ -139,16 +87,15 @@ class ReplayCamera : public Camera {
   const Clock& clock_;
 };
 
-std::vector<fs::path> image_files(const fs::path& folder) {
-  static const std::vector<std::string> kEndings = {".png", ".jpg", ".jpeg", ".bmp", ".ppm"};
-  std::vector<fs::path> files;
-  std::error_code failed;  // a folder that may not be read holds nothing
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder, failed)) {
-    const std::string ending = entry.path().extension().string();
-    if (std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end()) files.push_back(entry.path());
+// Errors: kUnavailable, where the library is not there. nullptr: it finds no picture.
+Result<std::unique_ptr<Pictures>> open_pictures(const fs::path& path) {
+  void* library = ::dlopen(kPicturesLibrary, RTLD_NOW | RTLD_LOCAL);  // stays to the end of the process
+  void* opener = library == nullptr ? nullptr : ::dlsym(library, kPicturesOpener);
+  if (opener == nullptr) {
+    return Error{ErrorKind::kUnavailable, std::string(kPicturesLibrary) + ": cannot be loaded: install it beside " +
+                                              "ruffinid, with OpenCV's imgcodecs and videoio: it reads recordings"};
   }
-  std::sort(files.begin(), files.end());
-  return files;
+  return std::unique_ptr<Pictures>(reinterpret_cast<PicturesOpener*>(opener)(path.c_str()));
 }
 
 struct RecordingInfo {
@@ -195,40 +142,35 @@ Result<RecordingInfo> read_info(const fs::path& folder, const BoardSettings& boa
 
 Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const BoardSettings& board,
                                             const Clock& clock) {
-  // The libraries' own lines about a broken file would hide ours.
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
   std::error_code failed;
   const fs::path path(options.path);
   if (!fs::exists(path, failed)) {
     return Error{ErrorKind::kUnavailable, options.path + ": no such recording: check --camera replay:PATH"};
   }
   RecordingInfo info;
-  std::unique_ptr<Pictures> pictures;
-  double video_hz = 0;
-  if (fs::is_directory(path, failed)) {
+  fs::path source = path;
+  const bool is_folder = fs::is_directory(path, failed);
+  if (is_folder) {
     auto read = read_info(path, board);
     if (!read) return read.error();
     info = read.value();
-    const fs::path frames = fs::is_directory(path / "frames", failed) ? path / "frames" : path;
-    std::vector<fs::path> files = image_files(frames);
-    if (files.empty()) return Error{ErrorKind::kUnavailable, frames.string() + ": holds no PNG or JPEG images"};
-    pictures = std::make_unique<FolderPictures>(std::move(files));
-  } else {
-    auto video = std::make_unique<VideoPictures>(options.path);
-    if (!video->is_open()) {
-      return Error{ErrorKind::kUnavailable, options.path + ": cannot be read as a video: is the file whole?"};
-    }
-    video_hz = video->rate_hz();
-    pictures = std::move(video);
+    if (fs::is_directory(path / "frames", failed)) source = path / "frames";
   }
-  cv::Mat first = pictures->next();
-  if (first.empty() || first.size() == kUnreadable) {
+  auto opened = open_pictures(source);
+  if (!opened) return opened.error();
+  std::unique_ptr<Pictures> pictures = std::move(opened).value();
+  if (pictures == nullptr) {
+    return Error{ErrorKind::kUnavailable, is_folder ? source.string() + ": holds no PNG or JPEG images"
+                                                    : options.path + ": cannot be read as a video: is the file whole?"};
+  }
+  const double video_hz = pictures->rate_hz();
+  const std::optional<Picture> first = pictures->next();
+  if (!first || first->pixels == nullptr) {
     return Error{ErrorKind::kUnavailable, options.path + ": its first frame cannot be read: is the file whole?"};
   }
-  if (first.cols != board.camera.width_px || first.rows != board.camera.height_px) {
-    return Error{ErrorKind::kBadInput, options.path + ": frames are " + std::to_string(first.cols) + "x" +
-                                           std::to_string(first.rows) + ", board \"" + board.name + "\" needs " +
+  if (first->width_px != board.camera.width_px || first->height_px != board.camera.height_px) {
+    return Error{ErrorKind::kBadInput, options.path + ": frames are " + std::to_string(first->width_px) + "x" +
+                                           std::to_string(first->height_px) + ", board \"" + board.name + "\" needs " +
                                            std::to_string(board.camera.width_px) + "x" +
                                            std::to_string(board.camera.height_px)};
   }
@@ -236,8 +178,8 @@ Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const 
   const bool has_rate = video_hz * 1'000 >= kMinRateMhz && video_hz * 1'000 <= kMaxRateMhz;
   int64_t rate_mhz = has_rate ? static_cast<int64_t>(video_hz * 1'000) : board.camera.rate_mhz;
   if (info.rate_mhz > 0) rate_mhz = info.rate_mhz;
-  return std::unique_ptr<Camera>(std::make_unique<ReplayCamera>(std::move(pictures), std::move(first), options,
-                                                                rate_mhz, info.is_simulated, clock));
+  return std::unique_ptr<Camera>(
+      std::make_unique<ReplayCamera>(std::move(pictures), *first, options, rate_mhz, info.is_simulated, clock));
 }
 
 }  // namespace ruffini

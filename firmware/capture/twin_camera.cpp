@@ -21,10 +21,13 @@ using SteadyClock = std::chrono::steady_clock;
 using namespace std::chrono_literals;
 
 constexpr auto kConnectPatience = 2s;
-constexpr auto kFramePatience = 2s;          // from a frame's first byte to its last
-constexpr timeval kReadSlice{0, 50'000};     // so that a stalled twin does not hold up the daemon's end
+constexpr auto kFramePatience = 2s;          // from the first byte of a frame to its last
+constexpr timeval kReadSlice{0, 50'000};     // so that a stalled twin does not delay the daemon's end
 constexpr uint64_t kStoodStillUs = 250'000;  // from the end of one call to that of the next
 constexpr uint32_t kVersion = 1;
+constexpr std::array kTwin{'R', 'F', 'T', 'C'};
+constexpr std::array kRecording{'R', 'F', 'R', 'C'};
+constexpr std::array kSimulatedRecording{'R', 'F', 'R', 'S'};
 constexpr uint32_t kMaxNameBytes = 256;
 constexpr uint64_t kMicrosecondsMillihertz = 1'000'000'000;  // a period at 1 mHz
 
@@ -48,7 +51,7 @@ static_assert(sizeof(Greeting) == 24 && sizeof(FrameHeader) == 16, "as sent, wit
 
 enum class ReadStatus { kDone, kNothing, kBroken };
 
-// Fills `out`; kNothing when not even the first byte came within a slice and `may_wait` is false.
+// Fills `out`. Returns kNothing if not even the first byte arrived within a slice and `may_wait` is false.
 ReadStatus read_all(int fd, std::span<uint8_t> out, bool may_wait) {
   const auto deadline = SteadyClock::now() + kFramePatience;
   size_t n_done = 0;
@@ -72,16 +75,19 @@ std::span<uint8_t> bytes_of(T& value) {
 
 class TwinCamera : public Camera {
  public:
-  TwinCamera(UniqueFd socket, std::string path, bool is_lockstep, uint64_t rate_mhz, const Clock& clock)
+  TwinCamera(UniqueFd socket, std::string path, bool is_simulated, bool is_replay, bool is_lockstep, uint64_t rate_mhz,
+             const Clock& clock)
       : socket_(std::move(socket)),
         path_(std::move(path)),
+        is_simulated_(is_simulated),
+        is_replay_(is_replay),
         is_lockstep_(is_lockstep),
         rate_mhz_(rate_mhz),
         clock_(clock) {}
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
-    // What waits in the socket of a device that stood still is old, and nothing in it says so: it may have stood still
-    // since the last call, or within this one, while it waited for a frame.
+    // Data that waited in the socket while the device was suspended is old, and nothing in it shows that. The device
+    // may have been suspended since the last call, or within this one while it waited for a frame.
     const uint64_t before_us = asked_us_ != 0 ? asked_us_ : clock_.now_us();
     const CaptureStatus status = read_frame(buffer);
     asked_us_ = clock_.now_us();
@@ -90,12 +96,13 @@ class TwinCamera : public Camera {
       is_behind_ = has_more();
       return CaptureStatus::kNothing;
     }
-    if (status == CaptureStatus::kNothing) is_behind_ = is_behind_ && has_more();  // a stop also interrupts a wait
+    // A signal to stop also interrupts a wait
+    if (status == CaptureStatus::kNothing) is_behind_ = is_behind_ && has_more();
     return status;
   }
   [[nodiscard]] std::string problem() const override { return problem_; }
-  [[nodiscard]] bool is_simulated() const override { return true; }
-  [[nodiscard]] bool is_replay() const override { return false; }
+  [[nodiscard]] bool is_simulated() const override { return is_simulated_; }
+  [[nodiscard]] bool is_replay() const override { return is_replay_; }
 
  private:
   CaptureStatus read_frame(FramePool::Buffer& buffer) {
@@ -132,11 +139,13 @@ class TwinCamera : public Camera {
   UniqueFd socket_;
   std::string path_;
   std::string problem_;
+  bool is_simulated_;
+  bool is_replay_;
   bool is_lockstep_;
   uint64_t rate_mhz_;
   const Clock& clock_;
   bool is_started_ = false;
-  bool is_behind_ = false;  // what comes next was sent while the device stood still
+  bool is_behind_ = false;  // the next data was sent while the device was suspended
   uint64_t asked_us_ = 0;   // end of the last call
 };
 
@@ -175,7 +184,9 @@ Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool i
                                                 "`ruffini sim serve` of the same release"};
   Greeting greeting;
   if (read_all(fd, bytes_of(greeting), true) != ReadStatus::kDone) return no_twin;
-  if (greeting.magic != std::array{'R', 'F', 'T', 'C'} || greeting.version != kVersion ||
+  const bool is_simulated = greeting.magic != kRecording;
+  const bool is_replay = greeting.magic != kTwin;
+  if ((is_replay && is_simulated && greeting.magic != kSimulatedRecording) || greeting.version != kVersion ||
       greeting.n_name > kMaxNameBytes) {
     return no_twin;
   }
@@ -192,7 +203,8 @@ Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool i
                                            "\" needs " + std::to_string(board.camera.width_px) + "x" +
                                            std::to_string(board.camera.height_px)};
   }
-  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), socket_path, is_lockstep,
+  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), socket_path, is_simulated,
+                                                              is_replay, is_lockstep,
                                                               static_cast<uint64_t>(board.camera.rate_mhz), clock));
 }
 

@@ -67,7 +67,7 @@ class V4l2Camera : public Camera {
   V4l2Camera(V4l2Camera&&) = delete;
   ~V4l2Camera() override {
     if (fd_ < 0) return;
-    let_buffers_go();
+    free_buffers();
     calls_.close(fd_);
   }
 
@@ -75,11 +75,11 @@ class V4l2Camera : public Camera {
     if (Status found = find(name); !found) return found;
     if (Status opened = open_node(); !opened) return opened;
     std::string driver;
-    if (const std::string why = why_no_capture(calls_, fd_, driver); !why.empty()) {
+    if (const std::string why = capture_refusal(calls_, fd_, driver); !why.empty()) {
       return Error{ErrorKind::kBadInput, "camera " + id_ + " " + why};
     }
-    is_simulated_ = driver == "vivid" || driver == "vimc";  // the kernel's own, whose pictures are made up
-    // Drivers whose picture does not change have no such event.
+    is_simulated_ = driver == "vivid" || driver == "vimc";  // drivers of the kernel that generate their pictures
+    // Drivers whose format cannot change do not have this event.
     v4l2_event_subscription change{};
     change.type = V4L2_EVENT_SOURCE_CHANGE;
     calls_.ioctl(fd_, VIDIOC_SUBSCRIBE_EVENT, &change);
@@ -110,12 +110,13 @@ class V4l2Camera : public Camera {
     return {ErrorKind::kUnavailable, "camera " + id_ + " " + why};
   }
 
-  // Whether a node that fits by its name is a camera. One that may not be opened may be: opening it says so.
+  // True if a node with a matching name is a camera. A node that may not be opened counts: opening it reports the
+  // error.
   [[nodiscard]] bool captures(const VideoNode& node) const {
     const int fd = calls_.open(node.path);
     if (fd < 0) return errno == EACCES || errno == EPERM;
     std::string driver;
-    const bool does = why_no_capture(calls_, fd, driver).empty();
+    const bool does = capture_refusal(calls_, fd, driver).empty();
     calls_.close(fd);
     return does;
   }
@@ -157,7 +158,7 @@ class V4l2Camera : public Camera {
     }
   }
 
-  // The first mode that fits and starts: drivers take formats in which they then do not stream.
+  // Selects the first matching mode that starts: drivers accept formats in which they then do not stream.
   Status start_in_some_mode() {
     const auto modes =
         fitting_modes(v4l2_modes(calls_, fd_, board_.camera.width_px, board_.camera.height_px), board_.camera, id_);
@@ -166,10 +167,10 @@ class V4l2Camera : public Camera {
     for (const V4l2Mode& mode : modes.value()) {
       Status started = configure(mode);
       if (started) started = make_buffers();
-      if (started) started = ask_exposure();
+      if (started) started = add_exposure_controls();
       if (started) started = start(text_of(mode.format.fourcc));
       if (started) return started;
-      let_buffers_go();
+      free_buffers();
       last = started.error();
     }
     return last;
@@ -217,7 +218,7 @@ class V4l2Camera : public Camera {
     return width;
   }
 
-  // A camera without this request has a rate of its own.
+  // A camera without this request has a fixed rate.
   Status ask_rate() {
     const int64_t wanted_mhz = board_.camera.rate_mhz;
     period_ = std::chrono::microseconds(1'000'000'000 / wanted_mhz);
@@ -251,7 +252,7 @@ class V4l2Camera : public Camera {
     return Unit{};
   }
 
-  Status ask_exposure() {
+  Status add_exposure_controls() {
     if (!board_.exposure.is_manual()) return Unit{};
     auto set = V4l2Controls::set(
         id_, [this](unsigned long request, void* argument) { return calls_.ioctl(fd_, request, argument); },
@@ -277,7 +278,7 @@ class V4l2Camera : public Camera {
     return Unit{};
   }
 
-  // Of a call that failed, by errno.
+  // Message for a failed call, by errno.
   [[nodiscard]] Error refused(const std::string& what) const {
     if (errno == EBUSY) return unavailable(kBusy + path_ + ")");
     if (errno == ENODEV) return unavailable("was unplugged");
@@ -291,10 +292,10 @@ class V4l2Camera : public Camera {
 
   void stop() {
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    calls_.ioctl(fd_, VIDIOC_STREAMOFF, &type);  // gives all buffers back, to a camera that is gone, too
+    calls_.ioctl(fd_, VIDIOC_STREAMOFF, &type);  // returns all buffers, even from a camera that was unplugged
   }
 
-  void let_buffers_go() {
+  void free_buffers() {
     stop();
     for (const Mapping& mapping : mappings_) calls_.unmap(mapping.data, mapping.n_bytes);
     mappings_.clear();
@@ -304,7 +305,7 @@ class V4l2Camera : public Camera {
     calls_.ioctl(fd_, VIDIOC_REQBUFS, &none);
   }
 
-  // The last of the frames that wait; older ones go back to the driver. `failed`: errno where there is none.
+  // Returns the newest waiting frame; older ones return to the driver. `failed`: errno if there is none.
   std::optional<v4l2_buffer> newest(int& failed) {
     std::optional<v4l2_buffer> taken;
     for (uint32_t i = 0; i < kBuffers; ++i) {
@@ -313,7 +314,7 @@ class V4l2Camera : public Camera {
         failed = errno;
         break;
       }
-      if (one.index >= mappings_.size()) continue;  // not ours: no driver does so
+      if (one.index >= mappings_.size()) continue;  // not one of ours: no driver does this
       if (taken) queue(taken->index);
       taken = one;
     }
@@ -351,8 +352,7 @@ class V4l2Camera : public Camera {
   }
 
   CaptureStatus take(const v4l2_buffer& frame, FramePool::Buffer& buffer) {
-    // Of a camera that is faster than the board those that are passed over are not missing; a driver that counts back is
-    // for FrameOrder.
+    // Frames of a faster camera that are skipped are not missing. FrameOrder handles a driver that counts backwards.
     const int32_t step =
         has_sequence_ && !is_paced_here_ ? static_cast<int32_t>(frame.sequence - sequence_) : int32_t{1};
     const uint64_t middle = middle_us(frame);
@@ -384,7 +384,7 @@ class V4l2Camera : public Camera {
     return static_cast<uint64_t>(std::max<int64_t>(stamp_us + (is_of_start ? half_us : -half_us), 0));
   }
 
-  // The camera's frame that is nearest to the board's is taken.
+  // Selects the camera's frame nearest to the board's time.
   bool is_too_soon(uint64_t stamp_us) {
     if (!is_paced_here_ || stamp_us == 0) return false;
     if (stamp_us + own_period_us_ / 2 < due_us_) return true;
@@ -394,7 +394,7 @@ class V4l2Camera : public Camera {
     return false;
   }
 
-  // false: there is less of it than a picture.
+  // Returns false if the data is shorter than a picture.
   bool copy(const v4l2_buffer& frame, uint8_t* out) {
     const Mapping& mapping = mappings_[frame.index];
     const int width = board_.camera.width_px;
@@ -402,7 +402,7 @@ class V4l2Camera : public Camera {
     const size_t n_bytes = std::min<size_t>(frame.bytesused, mapping.n_bytes);
     if (!layout_) return jpeg_.decode(mapping.data, n_bytes, width, height, out);
     const size_t luma = stride_ * static_cast<size_t>(height);
-    // The last row may end without its padding.
+    // The last row may lack its padding.
     const size_t least = *layout_ == PixelLayout::kNv12 ? luma + luma / 2 : luma - stride_ + least_stride();
     if (n_bytes < least) return false;
     const auto stride = static_cast<ptrdiff_t>(stride_);
@@ -419,7 +419,7 @@ class V4l2Camera : public Camera {
   std::string id_;
   std::string problem_;
   bool is_simulated_ = false;
-  std::optional<PixelLayout> layout_;  // none: Motion JPEG
+  std::optional<PixelLayout> layout_;  // no value: Motion JPEG
   YuvRule rule_ = kFull601;
   size_t stride_ = 0;
   JpegDecoder jpeg_;
@@ -427,7 +427,7 @@ class V4l2Camera : public Camera {
   std::optional<V4l2Controls> controls_;
   SteadyClock::duration period_{};
   bool is_paced_here_ = false;
-  uint64_t own_period_us_ = 0;  // 0: not told
+  uint64_t own_period_us_ = 0;  // 0: not reported
   uint64_t due_us_ = 0;
   SteadyClock::time_point last_frame_;
   int n_settling_ = 0;

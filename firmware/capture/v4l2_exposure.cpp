@@ -40,12 +40,12 @@ std::string only(int64_t asked, int64_t minimum, int64_t maximum) {
   return " = " + std::to_string(asked) + ", only " + std::to_string(minimum) + " to " + std::to_string(maximum);
 }
 
-// A camera that has no automatic has nothing to be switched off.
+// A camera without an automatic has nothing to switch off.
 bool switch_off(const Ioctl& device, uint32_t automatic) {
   return get(device, automatic).value_or(0) == 0 || set_control(device, automatic, 0);
 }
 
-// Each sets its part of [exposure] and returns what the device cannot be told, empty where it was.
+// Each function sets its part of [exposure] and returns what the device does not support; empty on success.
 
 std::string set_time(const Ioctl& device, const ExposureSettings& asked) {
   constexpr int64_t kUnitUs = 100;
@@ -58,7 +58,7 @@ std::string set_time(const Ioctl& device, const ExposureSettings& asked) {
   const bool is_manual = !get(device, V4L2_CID_EXPOSURE_AUTO) ||
                          set_control(device, V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL) ||
                          set_control(device, V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_SHUTTER_PRIORITY);
-  // With this one on a camera takes fewer frames a second than it was asked for when it is dark.
+  // With this control on, a camera lowers its frame rate in the dark.
   const bool keeps_rate = switch_off(device, V4L2_CID_EXPOSURE_AUTO_PRIORITY);
   return is_manual && keeps_rate && set_control(device, V4L2_CID_EXPOSURE_ABSOLUTE, time) ? "" : "exposure.time_us";
 }
@@ -98,7 +98,7 @@ std::string drift_of(const V4l2Exposure& said, const V4l2Exposure& first, const 
   if (said.mode && *said.mode != V4L2_EXPOSURE_MANUAL && *said.mode != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
     return "its automatic exposure on, asked off";
   }
-  // Its unit is 100 us; a camera's steps may be wider.
+  // Its unit is 100 us; a camera's steps may be larger.
   const int64_t step_us = std::max<int64_t>(100, asked.time_us / 50);
   if (said.time_100us && std::abs(100 * int64_t{*said.time_100us} - asked.time_us) > step_us) {
     return "an exposure of " + std::to_string(100 * int64_t{*said.time_100us}) + " us, asked " +

@@ -11,8 +11,8 @@
 namespace ruffini {
 namespace {
 
-// A driver that never says that its list is over is not asked for ever.
-constexpr uint32_t kMostEntries = 256;
+// Limit for drivers that never report the end of a list.
+constexpr uint32_t kMaxEntries = 256;
 
 int64_t rate_mhz(const v4l2_fract& interval) {
   return interval.numerator == 0 ? 0 : int64_t{1'000} * interval.denominator / interval.numerator;
@@ -20,7 +20,7 @@ int64_t rate_mhz(const v4l2_fract& interval) {
 
 int64_t fastest_mhz(const VideoCalls& calls, int fd, uint32_t fourcc, int width, int height) {
   int64_t fastest = 0;
-  for (uint32_t i = 0; i < kMostEntries; ++i) {
+  for (uint32_t i = 0; i < kMaxEntries; ++i) {
     v4l2_frmivalenum one{};
     one.index = i;
     one.pixel_format = fourcc;
@@ -44,12 +44,12 @@ void add_sizes(const VideoCalls& calls, int fd, const V4l2Format& format, int wa
   const auto add = [&](int width, int height) {
     modes.push_back({format, width, height, fastest_mhz(calls, fd, format.fourcc, width, height)});
   };
-  for (uint32_t i = 0; i < kMostEntries; ++i) {
+  for (uint32_t i = 0; i < kMaxEntries; ++i) {
     v4l2_frmsizeenum one{};
     one.index = i;
     one.pixel_format = format.fourcc;
     if (calls.ioctl(fd, VIDIOC_ENUM_FRAMESIZES, &one) != 0) {
-      // A driver without the list may have the size all the same: its answer to the request decides.
+      // A driver without the list may still support the size: its answer to the request decides.
       if (i == 0 && errno == ENOTTY && wanted_width > 0) modes.push_back({format, wanted_width, wanted_height, 0});
       return;
     }
@@ -101,7 +101,7 @@ std::string text_of(uint32_t fourcc) {
 
 std::vector<V4l2Mode> v4l2_modes(const VideoCalls& calls, int fd, int wanted_width, int wanted_height) {
   std::vector<uint32_t> offered;
-  for (uint32_t i = 0; i < kMostEntries; ++i) {
+  for (uint32_t i = 0; i < kMaxEntries; ++i) {
     v4l2_fmtdesc one{};
     one.index = i;
     one.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
@@ -118,7 +118,7 @@ std::vector<V4l2Mode> v4l2_modes(const VideoCalls& calls, int fd, int wanted_wid
 
 Result<std::vector<V4l2Mode>> fitting_modes(const std::vector<V4l2Mode>& offered, const CameraSettings& wanted,
                                             const std::string& camera) {
-  // 29.97 stands for 30.
+  // 29.97 counts as 30.
   const auto is_fast = [&wanted](const V4l2Mode& mode) {
     return mode.rate_mhz == 0 || 100 * mode.rate_mhz >= 98 * wanted.rate_mhz;
   };
@@ -157,7 +157,7 @@ YuvRule rule_of(const v4l2_pix_format& format) {
   return is_full ? kFull601 : kLimited601;
 }
 
-std::string why_no_capture(const VideoCalls& calls, int fd, std::string& driver) {
+std::string capture_refusal(const VideoCalls& calls, int fd, std::string& driver) {
   v4l2_capability about{};
   if (calls.ioctl(fd, VIDIOC_QUERYCAP, &about) != 0)
     return "is not a V4L2 device: ruffinid --list-cameras shows those that are";
@@ -179,10 +179,10 @@ std::string cameras_json(const VideoCalls& calls) {
     std::vector<V4l2Mode> modes;
     if (const int fd = calls.open(node.path); fd >= 0) {
       std::string driver;
-      problem = why_no_capture(calls, fd, driver);
+      problem = capture_refusal(calls, fd, driver);
       if (problem.empty()) modes = v4l2_modes(calls, fd, 0, 0);
       calls.close(fd);
-      if (!problem.empty()) continue;  // the node of its metadata, of a codec
+      if (!problem.empty()) continue;  // a metadata or codec node
     } else {
       problem = std::strerror(errno);
     }

@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The first line of a file; empty where there is none.
+// First line of a file; empty if there is none.
 std::string line_of(const fs::path& path) {
   std::ifstream stream(path);
   std::string line;
@@ -39,7 +39,7 @@ std::vector<VideoNode> nodes_in(const fs::path& sysfs) {
     const std::string file = entry.path().filename().string();
     if (file.rfind("video", 0) != 0) continue;  // radio, v4l-subdev, vbi
     VideoNode node{.path = "/dev/" + file, .name = line_of(entry.path() / "name"), .serial = {}};
-    // `device` of a camera on USB is an interface of the device that has the identity.
+    // For a USB camera `device` is an interface of the device that has the identity.
     const fs::path interface = fs::canonical(entry.path() / "device", failed);
     const fs::path usb = interface.parent_path();
     if (!failed && fs::exists(usb / "idVendor", failed)) {
@@ -49,7 +49,7 @@ std::vector<VideoNode> nodes_in(const fs::path& sysfs) {
     }
     nodes.push_back(std::move(node));
   }
-  // video2 before video10.
+  // Sorts video2 before video10.
   std::sort(nodes.begin(), nodes.end(), [](const VideoNode& a, const VideoNode& b) {
     return a.path.size() != b.path.size() ? a.path.size() < b.path.size() : a.path < b.path;
   });

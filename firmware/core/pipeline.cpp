@@ -6,7 +6,7 @@
 namespace ruffini {
 namespace {
 
-// One of these names, separated by spaces.
+// True if `names`, separated by spaces, contains the name.
 bool has_any_kind(const Calibration& calibration, std::string_view names) {
   while (!names.empty()) {
     const size_t end = std::min(names.find(' '), names.size());

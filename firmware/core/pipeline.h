@@ -1,6 +1,6 @@
-// The board's stages in the order of the table, each timed (FrameState::stage_ns).
+// Runs the board's stages in the order of the table and times each (FrameState::stage_ns).
 //
-// Legal combinations follow from the table: a stage is run if its tables are loaded and a stage before it writes each slot
+// The table determines legal combinations: a stage runs if its tables are loaded and an earlier stage writes each slot
 // that it must read. Frame thread; no allocation after load().
 #pragma once
 
@@ -17,29 +17,30 @@
 
 namespace ruffini {
 
-// Monotonic nanoseconds; the core itself makes no system call.
+// Monotonic nanoseconds, as a parameter because the core makes no system call.
 using ClockFunction = uint64_t (*)();
 
 class Pipeline {
  public:
-  // `rest` and `state` outlive this.
+  // `rest` and `state` must outlive this object.
   Pipeline(const BoardSettings& board, Rest& rest, FrameState& state, ClockFunction clock);
 
-  // Once, before the first frame. `calibration` may be null. `written`: slots that others than these stages write.
+  // Call once before the first frame. `calibration` may be null. `written`: slots that are written from outside the
+  // pipeline.
   [[nodiscard]] Status load(const Calibration* calibration, SlotSet written = {});
-  // Some stage writes this slot.
+  // True if a stage of this board writes the slot.
   [[nodiscard]] bool writes(Slot slot) const { return written_.has(slot); }
 
   void learn(std::span<const uint16_t> rest);
   void begin();
   void run(Frame& frame);
-  // Only what depends on this slot, directly or through other slots.
+  // Runs only the stages that depend on this slot, directly or through other slots.
   void run_from(Slot slot, Frame& frame);
-  // A slot that its writer computes only if it is asked for.
+  // Computes a slot whose writer computes it on request only.
   void compute(Slot slot, Frame& frame);
   void judge(uint32_t& flags);
   void forget();
-  // Time that was spent for the writer of this slot.
+  // Adds time to the stage that writes this slot.
   void charge(Slot slot, uint64_t ns);
 
  private:

@@ -13,20 +13,20 @@
 
 namespace ruffini {
 
-// Numbers are those of Validity in ruffini.proto.
+// The numeric values are those of Validity in ruffini.proto.
 enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2, kInvalid = 3 };
 
-// Of the observed nodes.
+// Forces of the observed nodes.
 struct SolvedForces {
   std::vector<int16_t> u;         // displacement, xyz interleaved
   std::vector<NodeForce> force;   // linear in u, unless the second pass has refined it
-  std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
-  int64_t threshold_lsb = 0;      // of the mask (solve/contact_mask.h)
-  bool is_pressed = false;        // the same
+  std::span<const uint8_t> mask;  // degree of contact, ContactMask's 0..128
+  int64_t threshold_lsb = 0;      // threshold of the mask (solve/contact_mask.h)
+  bool is_pressed = false;        // ContactMask::is_pressed()
   bool is_refined = false;        // by the second pass, in this frame
   bool is_at_finite_strain = false;
-  bool is_explained = true;  // by the second pass: the forces are all that presses (solve/spread_check.h)
-  std::span<const int32_t> residual_at_sides;  // of CameraMotion::unknowns(), by the last second pass
+  bool is_explained = true;  // by the second pass: the forces explain the whole load (solve/spread_check.h)
+  std::span<const int32_t> residual_at_sides;  // of CameraMotion::unknowns(), from the last second pass
 };
 
 struct Wrench {
@@ -45,7 +45,7 @@ struct WrenchCovariance {
   bool operator==(const WrenchCovariance&) const = default;
 };
 
-// Thousandths of a degree Celsius; empty: not measured.
+// Pad temperature now and when rest was learned, thousandths of a degree Celsius; empty: not measured.
 struct Warmth {
   std::optional<int32_t> now_mc{};
   std::optional<int32_t> rest_mc{};
@@ -70,10 +70,10 @@ struct ContactList {
   std::array<Contact, kMax> contacts{};
   int n_listed = 0;
   int n_found = 0;
-  bool reaches_border = false;  // any of those found
+  bool reaches_border = false;  // true if any contact found does
 };
 
-// Numbers are those of SlipState in ruffini.proto.
+// The numeric values are those of SlipState in ruffini.proto.
 enum class SlipState : uint8_t { kUnknown = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
 enum class NodeSlip : uint8_t { kFree = 0, kSticks = 1, kSlips = 2 };
 
@@ -82,18 +82,19 @@ struct ContactSlip {
   int32_t ratio_1e3 = 0;           // |F_t| / F_n
   int32_t friction_1e3 = 0;        // mu; 0: not measured yet
   int32_t friction_sigma_1e3 = 0;  // 20 % from the rim, 3 % from a contact that slid
-  int32_t share_1e3 = 0;           // of the contact's nodes that slip
-  int64_t margin_un = 0;           // mu F_n - |F_t|; with friction only
+  int32_t share_1e3 = 0;           // share of the contact's nodes that slip
+  int64_t margin_un = 0;           // mu F_n - |F_t|; only if friction is known
 };
 
-// A touch of a skin that gets brighter where it is pressed. The skin is unrolled: x and y along the undeformed surface
-// from its middle. Only the force along the local normal is measured. Touches are listed in the order of force.
+// A touch of a skin that becomes brighter where it is pressed. Coordinates are on the unrolled skin: x and y along the
+// undeformed surface, relative to its centre. Only the force along the local normal is measured. Touches are sorted by
+// force.
 struct SkinTouch {
-  uint32_t id = 0;  // the same from frame to frame (skin_track.h); 0: not known yet
+  uint32_t id = 0;  // constant from frame to frame (skin_track.h); 0: not assigned yet
   int64_t x_um = 0;
   int64_t y_um = 0;
-  int64_t area_um2 = 0;        // of the taxels that it lights up; 0: not known
-  int64_t brightness_q2 = 0;   // 1/4 levels of the weighted channels; of taxels 1/4096 of rest
+  int64_t area_um2 = 0;        // area of the taxels that it lights up; 0: unknown
+  int64_t brightness_q2 = 0;   // 1/4 levels of the weighted channels; with taxels 1/4096 of rest
   int64_t press_un = 0;        // into the skin
   int64_t press_sigma_un = 0;  // standard deviations; 0: not stated
   int64_t place_sigma_um = 0;  // of x and of y
@@ -111,13 +112,13 @@ struct SkinFrame {
   SkinTouchList touches;
   bool is_dark = false;
   bool is_light_off = false;
-  int64_t light_q12 = 0;             // of all taxels, over rest less 1
-  int64_t age_q12 = 0;               // light at rest over the calibration's; 0: not known
-  std::span<const int32_t> ratio{};  // of each taxel; empty without taxels
-  std::span<const int16_t> glow{};   // brightness over rest; without taxels smoothed
+  int64_t light_q12 = 0;             // of all taxels, relative to rest, minus 1
+  int64_t age_q12 = 0;               // light at rest relative to the calibration; 0: unknown
+  std::span<const int32_t> ratio{};  // per taxel; empty without taxels
+  std::span<const int16_t> glow{};   // brightness above rest; smoothed if there are no taxels
 };
 
-// Of a patch, or where one is: from the pad's centre.
+// Displacement or position of a patch, the position relative to the pad's centre.
 struct FlowPoint {
   int64_t x_q4 = 0;  // um
   int64_t y_q4 = 0;
@@ -136,28 +137,28 @@ struct Profile {
   std::span<const int32_t> fall{};    // smoothed fall of the density at each patch, Q16
 };
 
-// Numbers are those of ContactKind in ruffini.proto.
-enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
+// The numeric values are those of ContactKind in ruffini.proto.
+enum class ContactKind : uint8_t { kUnknown = 0, kPlanar = 1, kHertzian = 2 };
 
 struct ModelledContact {
   static constexpr size_t kInputs = Profile::kRings + 2;
   using Inputs = std::array<int64_t, kInputs>;
   bool is_touched = false;
   bool is_covered = false;     // too many patches are lost
-  bool is_over_range = false;  // too deep
+  bool is_over_range = false;  // no model applies: depth, area and hardness are invalid
   bool is_strange = false;     // no model holds: depth, area and hardness are wrong
   bool has_hardness = false;
-  ContactKind kind = ContactKind::kNotTold;
-  int64_t sure_1e3 = 0;  // of the kind, 500 to 1000
+  ContactKind kind = ContactKind::kUnknown;
+  int64_t confidence_1e3 = 0;  // confidence of the kind, 500 to 1000
   int64_t gel_depth_um = 0;
   int64_t press_depth_um = 0;
   int64_t depth_sigma_um = 0;
   int64_t area_um2 = 0;
   int64_t effective_area_um2 = 0;
-  int64_t stiffness_pa_um = 0;  // H_m, pascal a micrometre
+  int64_t stiffness_pa_um = 0;  // H_m, pascals per micrometre
   int64_t shore_q4 = 0;
   int64_t shore_sigma_q4 = 0;
-  int64_t mean_flow_um = 0;                          // S_t over the number of patches
+  int64_t mean_flow_um = 0;                          // magnitude
   int64_t moment_by_flow_unmm = 0;                   // its size
   Validity depth_validity = Validity::kNotMeasured;  // of depths and areas
   Validity hardness_validity = Validity::kNotMeasured;
@@ -176,15 +177,15 @@ struct TipTouch {
   bool is_known = true;     // like what it was fitted on
   bool is_in_range = true;  // no harder than what it was fitted on
   bool has_camera_moved = false;
-  int64_t force_un = 0;  // along the tool's axis, into the fingertip
-  int64_t way_um = 0;    // of the tool since it touched
-  int64_t x_um = 0;      // of the tool's axis from the fingertip's, in the tool's axes
+  int64_t force_un = 0;   // along the tool's axis, into the fingertip
+  int64_t travel_um = 0;  // of the tool since it touched
+  int64_t x_um = 0;       // of the tool's axis from the fingertip's, in the tool's axes
   int64_t y_um = 0;
   int64_t roll_urad = 0;  // of the fingertip under the tool, about x, then pitch about y
   int64_t pitch_urad = 0;
-  int64_t area_um2 = 0;  // of the tool's face; 0: not known, its deviation is above a fifth
-  int64_t flat_um2 = 0;  // of the wall that lies in the tool's plane; 0: not measured
-  int64_t flat_sigma_um2 = 0;
+  int64_t area_um2 = 0;       // of the tool's face; 0: not known, its deviation is above a fifth
+  int64_t flat_area_um2 = 0;  // of the wall that lies in the tool's plane; 0: not measured
+  int64_t flat_area_sigma_um2 = 0;
   std::array<int64_t, 7> sigma{};      // of the above; of the area um^2
   std::array<int64_t, 3> axis_1e6{};   // t, out of the fingertip
   std::array<int64_t, 3> place_q14{};  // the middle of what is pressed, as a direction from the sphere's

@@ -1,7 +1,8 @@
-// The data of one frame: what the stages hand to each other and to the encoders.
+// Data of one frame: the slots through which stages pass data to each other and to the encoders.
 //
-// A slot has one writer among a board's stages; a later stage may be declared to amend it, and everybody else has a const
-// view (core/stages.cpp lists who reads, writes and amends what). A slot is valid until the next frame. All buffers are sized in FramePath::configure.
+// A slot has one writer among a board's stages. A later stage may be declared to amend it; all others have a const view
+// (core/stages.cpp lists who reads, writes and amends each slot). A slot is valid until the next frame. All buffers are
+// sized in FramePath::configure.
 #pragma once
 
 #include <array>
@@ -27,7 +28,7 @@
 
 namespace ruffini {
 
-// Reasons why a result must not be used as it stands; numbers are those of FlagBit in ruffini.proto.
+// Reasons for which a result must not be used as it is. The numeric values are those of FlagBit in ruffini.proto.
 enum Flag : uint32_t {
   kFlagNoReference = 1,
   kFlagUncalibratedXy = 2,
@@ -48,40 +49,42 @@ enum Flag : uint32_t {
   kFlagTime = 131072,
   kFlagRestUnverified = 262144,
 };
-// What makes the forces of a frame invalid.
+// Flags that make the forces of a frame invalid.
 inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange |
                                         kFlagDark | kFlagOverexposed | kFlagLight | kFlagFeatures | kFlagOtherPad |
                                         kFlagRepeated | kFlagPicture;
 
-// Of a result of a frame with these flags. Not calibrated: its unit is not that of the calibrated quantity.
+// Validity of a result in a frame with these flags. Without calibration its unit is not that of the calibrated
+// quantity.
 [[nodiscard]] constexpr Validity validity_of(uint32_t flags, bool is_measured, bool is_calibrated = true) {
   if (!is_measured) return Validity::kNotMeasured;
   if ((flags & kWrongFlags) != 0) return Validity::kInvalid;
   return is_calibrated ? Validity::kValid : Validity::kUncalibrated;
 }
 
-// Room for the table's rows (core/stages.cpp), which counts them.
+// Capacity for the rows of the table (core/stages.cpp), which checks it.
 inline constexpr size_t kMaxStages = 24;
 
 struct FrameState {
   uint32_t flags = 0;
-  SaturationCounter saturations;                // since configure
+  SaturationCounter saturations;                // since configure()
   std::array<uint64_t, kMaxStages> stage_ns{};  // of this frame, by row of the table
 
   struct {
     std::vector<RelativeChange> change;  // planes of B, G and R, height x width each
-    std::vector<uint16_t> grey;          // of three channels together, 1/16 levels
+    std::vector<uint16_t> grey;          // sum of three channels, 1/16 levels
     ExposureCounts exposure;
   } difference;
   struct {
-    Rest::Gain gain = Rest::unit_gain();  // followed, over rest
+    Rest::Gain gain = Rest::unit_gain();  // followed gain relative to rest
     LightLevel level{};                   // of this frame
-    bool is_steady = true;                // or drifts: what it makes of depth cannot be told from a faint touch
+    // False while the light drifts: its effect on depth cannot be distinguished from a faint touch
+    bool is_steady = true;
   } light;
   struct {
-    // Of several views in one frame ([markers] layout "views").
+    // One of several views in a frame ([markers] layout "views").
     struct View {
-      int n_unsure = 0;  // markers that were there at rest and are lost, or not sure
+      int n_low_confidence = 0;  // markers that were there at rest and are lost, or have low confidence
       bool was_seen_at_rest = false;
     };
     std::span<const Marker> marker;
@@ -89,39 +92,45 @@ struct FrameState {
     int n_lost = 0;
     int n_at_rest = 0;
 
-    // A view that has lost too many, or that never saw them.
+    // True if a view has lost too many markers, or never saw them.
     [[nodiscard]] bool is_blind(size_t i, int64_t max_lost) const {
-      return !view[i].was_seen_at_rest || view[i].n_unsure > max_lost;
+      return !view[i].was_seen_at_rest || view[i].n_low_confidence > max_lost;
     }
   } markers;
   struct {
     std::span<const Target> target;  // empty without the stage
-    std::span<const Marker> mark;    // the same as markers: what hides the surface
+    std::span<const Marker> mark;    // the targets as markers, because they hide the surface
     int n_lost = 0;
   } targets;
+  // Inputs of a wrench, as changes relative to rest.
+  struct {
+    std::string_view sort;  // markers: dx, dy of each, px Q16; targets: dx, dy, px Q16, and change of area, px^2 Q8;
+                            // picture: relative change of B, G and R over a grid, Q16
+    std::vector<int32_t> value;
+  } features;
   struct {
     std::vector<CellSlope> slope;    // depth grid
-    bool is_balanced = false;        // less the level of the frame's light
-    bool is_of_depth = false;        // the calibration turns colours into depth at once; no slope
-    bool is_foreign_optics = false;  // the calibration is of other optics: depth to look at, not to make forces of
+    bool is_balanced = false;        // the level of the frame's light has been subtracted
+    bool is_of_depth = false;        // the calibration converts colours directly to depth; there is no slope
+    bool is_foreign_optics = false;  // the calibration is for other optics: depth for display, not for forces
   } photometric;
   struct {
     std::vector<DisplacementUm> cell;
     GridSize grid;
-    int step_px = 1;          // of the image, from one cell to the next
-    int64_t sigma_um = 0;     // of a cell that is touched; 0: not stated
-    bool is_trusted = false;  // forces may be made of it
+    int step_px = 1;          // cell size in pixels of the image
+    int64_t sigma_um = 0;     // of a touched cell; 0: unknown
+    bool is_trusted = false;  // may be used for forces
     Validity validity = Validity::kNotMeasured;
   } depth;
   struct {
     std::vector<NodeDisplacement> node;  // observed nodes
-    std::vector<uint8_t> is_filled;      // 1: x and y rest on lost markers (image/displacement.h)
-    bool has_depth = false;              // u_z is measured, and forces may be made of it
-    int64_t zero_moved_nm = 0;           // how far the followed zero has crept (estimators/zero_follower.h)
+    std::vector<uint8_t> is_filled;      // 1: x and y come from filled markers (image/displacement.h)
+    bool has_depth = false;              // u_z is measured and may be used for forces
+    int64_t zero_moved_nm = 0;           // creep of the followed zero (estimators/zero_follower.h)
     bool is_zero_at_limit = false;
   } displacement;
   SolvedForces solve;
-  // Of forces along the surface and normal to it: of the nodes, or of the touches of a skin or a fingertip.
+  // Validity of forces along the surface and normal to it, at the nodes or for the touches of a skin or a fingertip.
   struct {
     Validity xy = Validity::kNotMeasured;
     Validity z = Validity::kNotMeasured;
@@ -134,11 +143,11 @@ struct FrameState {
   struct {
     std::vector<int32_t> node;  // observed nodes, xyz interleaved, 1/64 standard deviation
     Validity validity = Validity::kNotMeasured;
-  } residual;  // not measured unless it was asked for (Stage::compute)
+  } residual;  // measured only on request (Stage::compute)
   struct {
     Wrench sum;
     std::array<Validity, 6> validity{};  // of each component
-    bool is_beyond_noise = false;        // by features without a field: further from zero than 5 standard deviations
+    bool is_beyond_noise = false;        // for features without a field: beyond 5 standard deviations
   } wrench;
   struct {
     WrenchCovariance wrench;
@@ -156,7 +165,7 @@ struct FrameState {
   HelmholtzSums helmholtz;
   TipTouch tip;
   struct {
-    int32_t level_cdb = 0;  // hundredths of a decibel over one grey level, rms
+    int32_t level_cdb = 0;  // hundredths of a decibel relative to one grey level, rms
     Validity validity = Validity::kNotMeasured;
   } vibration;
 };
@@ -166,6 +175,7 @@ enum class Slot : uint8_t {
   kLight,
   kMarkers,
   kTargets,
+  kFeatures,
   kSlope,
   kDepth,
   kDisplacement,
@@ -189,9 +199,10 @@ inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
 
 [[nodiscard]] constexpr std::string_view slot_name(Slot slot) {
   constexpr std::array<std::string_view, kSlotCount> kNames = {
-      "difference",  "light",          "markers",    "targets",       "slope",     "depth",      "displacement",
-      "node_forces", "force_validity", "node_sigma", "residual",      "wrench",    "covariance", "contacts",
-      "slip",        "skin",           "profile",    "contact_model", "helmholtz", "tool_touch", "vibration"};
+      "difference",    "light",        "markers",     "targets",        "features",   "slope",
+      "depth",         "displacement", "node_forces", "force_validity", "node_sigma", "residual",
+      "wrench",        "covariance",   "contacts",    "slip",           "skin",       "profile",
+      "contact_model", "helmholtz",    "tool_touch",  "vibration"};
   return kNames[static_cast<size_t>(slot)];
 }
 
@@ -217,13 +228,14 @@ class SlotSet {
 };
 static_assert(kSlotCount <= 32);
 
-// The slot's data; const if `state` is.
+// Returns the slot's data; const if `state` is.
 template <Slot slot, typename State>
 [[nodiscard]] constexpr auto& slot_of(State& state) {
   if constexpr (slot == Slot::kDifference) return state.difference;
   if constexpr (slot == Slot::kLight) return state.light;
   if constexpr (slot == Slot::kMarkers) return state.markers;
   if constexpr (slot == Slot::kTargets) return state.targets;
+  if constexpr (slot == Slot::kFeatures) return state.features;
   if constexpr (slot == Slot::kSlope) return state.photometric;
   if constexpr (slot == Slot::kDepth) return state.depth;
   if constexpr (slot == Slot::kDisplacement) return state.displacement;
@@ -246,8 +258,8 @@ template <Slot slot, typename State>
 template <Slot slot>
 using SlotData = std::remove_reference_t<decltype(slot_of<slot>(std::declval<FrameState&>()))>;
 
-// Hands a stage the slots that it asks for when it is made: const to read, mutable to write or amend. What was asked for must be
-// what the table declares (tests/cpp/core/stages_test.cpp).
+// Gives a stage its slots at construction: const to read, mutable to write or amend. The slots requested must be those
+// declared in the table (tests/cpp/core/stages_test.cpp).
 class SlotAccess {
  public:
   explicit SlotAccess(FrameState& state) : state_(state) {}

@@ -1,4 +1,4 @@
-// The table of the stages (stages.cpp), in the only order in which a board may list them.
+// Table of the stages (stages.cpp), in the order in which a board must list them.
 #pragma once
 
 #include <memory>
@@ -14,33 +14,35 @@ namespace ruffini {
 
 struct StageEntry {
   std::string_view name;  // in [pipeline] stages of board.toml
-  SlotSet reads;          // the stage is not run unless a stage before it writes all of these
+  SlotSet reads;          // the stage runs only if earlier stages write all of these
   SlotSet reads_if_written;
-  bool needs_one = false;  // a board must write one of these at least
+  bool needs_one = false;  // the board must write at least one of these
   SlotSet writes;
-  SlotSet amends;             // in place, of another stage
-  std::string_view sections;  // of board.toml, besides those of every board
-  std::string_view kind;      // of the calibration, whose tables it loads (proto/CALIBRATION.md); empty: none
-  std::string_view part_of;   // not listed by a board: runs here with this stage, whose time it counts to
+  SlotSet amends;             // slots of another stage that it modifies
+  std::string_view sections;  // of board.toml, in addition to those of every board
+  std::string_view kind;      // kind of the calibration whose tables it loads (proto/CALIBRATION.md); empty: none
+  // Not listed by a board: runs here as part of this stage, and its time counts for that stage
+  std::string_view part_of;
   std::unique_ptr<Stage> (*make)(const StageContext&) = nullptr;
 };
 
 [[nodiscard]] std::span<const StageEntry> stage_table();
-// Row of the stage that a board lists by this name; the table's size if there is none.
+// Returns the row of the stage with this name in board.toml; the table's size if there is none.
 [[nodiscard]] size_t stage_row(std::string_view name);
-// What a board may list, in this order.
+// Names that a board may list, in this order.
 [[nodiscard]] std::vector<std::string> stage_names();
-// One of the listed stages reads this section of board.toml.
+// True if one of the listed stages reads this section of board.toml.
 [[nodiscard]] bool is_section_read(std::span<const std::string> stages, std::string_view section);
-// Why a board may not list these stages, in one sentence; empty if it may.
+// Returns why a board may not list these stages, in one sentence; empty if it may.
 [[nodiscard]] std::string refuse_stages(std::span<const std::string> stages);
 
-// Makers, each in stages/<name>/.
+// Factory functions, each in stages/<name>/.
 using StagePointer = std::unique_ptr<Stage>;
 [[nodiscard]] StagePointer make_difference(const StageContext& context);
 [[nodiscard]] StagePointer make_light(const StageContext& context);
 [[nodiscard]] StagePointer make_markers(const StageContext& context);
 [[nodiscard]] StagePointer make_targets(const StageContext& context);
+[[nodiscard]] StagePointer make_picture_features(const StageContext& context);
 [[nodiscard]] StagePointer make_photometric(const StageContext& context);
 [[nodiscard]] StagePointer make_poisson(const StageContext& context);
 [[nodiscard]] StagePointer make_displacement(const StageContext& context);

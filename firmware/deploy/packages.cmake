@@ -4,7 +4,7 @@ include(GNUInstallDirs)
 set(DEPLOY ${CMAKE_SOURCE_DIR}/firmware/deploy)
 
 install(TARGETS ruffinid RUNTIME DESTINATION bin COMPONENT ruffinid)
-install(TARGETS ruffini_infer LIBRARY DESTINATION lib/ruffini COMPONENT ruffinid)
+install(TARGETS ruffini_infer ruffini_pictures LIBRARY DESTINATION lib/ruffini COMPONENT ruffinid)
 install(DIRECTORY boards/ DESTINATION share/ruffini/boards COMPONENT ruffinid FILES_MATCHING PATTERN board.toml)
 install(PROGRAMS ${DEPLOY}/ruffini-gadget DESTINATION lib/ruffini COMPONENT ruffinid)
 install(PROGRAMS ${DEPLOY}/ruffini-doctor DESTINATION sbin COMPONENT ruffinid)

@@ -11,7 +11,7 @@ namespace ruffini {
 namespace {
 
 constexpr size_t kSides = 4;
-constexpr int64_t kSigma = int64_t{1} << SupportSolver::kLeftFraction;
+constexpr int64_t kSigma = int64_t{1} << SupportSolver::kResidualFraction;
 constexpr int64_t kMoved = 25 * kSigma;
 constexpr int64_t kMovedPerN = 4 * kSigma;
 constexpr int64_t kZoomed = 4 * kSigma;
@@ -20,12 +20,12 @@ constexpr int64_t kTorn = 40 * kSigma;
 constexpr int64_t kTornPerN = 8 * kSigma;
 constexpr int kCoveredSides = 3;
 constexpr int64_t kUnPerN = 1'000'000;
-constexpr int64_t kMostUn = 1'000 * kUnPerN;  // of each component: what is beyond does not matter
+constexpr int64_t kMaxUn = 1'000 * kUnPerN;  // clamp of each force component; larger forces make no difference
 
 }  // namespace
 
 CameraMotion::CameraMotion(GridSize nodes) {
-  if (std::min(nodes.n_x, nodes.n_y) < kLeast) return;
+  if (std::min(nodes.n_x, nodes.n_y) < kMinLattice) return;
   const auto add = [&](int column, int row) {
     const auto node = static_cast<uint32_t>(row * nodes.n_x + column);
     unknowns_.push_back(3 * node);
@@ -39,8 +39,8 @@ CameraMotion::CameraMotion(GridSize nodes) {
   }
 }
 
-bool CameraMotion::is_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
-                            const Wrench& wrench) const {
+bool CameraMotion::has_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
+                             const Wrench& wrench) const {
   if (unknowns_.empty()) return false;
   std::array<int64_t, kSides> x{};
   std::array<int64_t, kSides> y{};
@@ -58,7 +58,7 @@ bool CameraMotion::is_moved(std::span<const int32_t> residual, std::span<const u
     largest = std::max({largest, std::abs(x[side]), std::abs(y[side])});
     n_covered += n_touched == kPerSide ? 1 : 0;
   }
-  const auto size = [](int64_t force_un) { return std::min(std::abs(force_un), kMostUn); };
+  const auto size = [](int64_t force_un) { return std::min(std::abs(force_un), kMaxUn); };
   const int64_t force_un = size(wrench.force_x_un) + size(wrench.force_y_un) + size(wrench.force_z_un);
   const int64_t moved = kMoved + kMovedPerN * force_un / kUnPerN;
   const int64_t zoomed = kZoomed + kZoomedPerN * force_un / kUnPerN;

@@ -1,4 +1,4 @@
-// What four parts of a picture have in common, where one of them may be disturbed by a contact.
+// Magnitude that most of four parts of a picture share, although a contact may disturb one of them.
 #pragma once
 
 #include <algorithm>
@@ -7,7 +7,7 @@
 
 namespace ruffini {
 
-// Size of the second smallest where at least three agree in sign, else 0.
+// Returns the second smallest magnitude if at least three parts agree in sign, else 0.
 [[nodiscard]] inline int64_t common_part(std::array<int64_t, 4> parts) {
   std::sort(parts.begin(), parts.end());
   if (parts[1] > 0) return parts[1];

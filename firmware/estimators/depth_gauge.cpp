@@ -29,7 +29,7 @@ Result<DepthGauge> DepthGauge::load(const Calibration& calibration, const BoardS
   return gauge;
 }
 
-// |w . u| < 3 n 2^30.
+// Bound: |w . u| < 3 n 2^30.
 int64_t DepthGauge::constant_q3(std::span<const NodeDisplacement> node) const {
   int64_t sum = 0;
   for (size_t i = 0; i < node.size(); ++i) {

@@ -1,10 +1,10 @@
-// The free constant of depth from light, by a table ([depth] gauge = "spacing", "volume" or "both").
+// Determines the unknown constant of depth from light by a table ([depth] gauge = "spacing", "volume" or "both").
 //
-//   c = (w . u + 2^(s-1)) >> s       u of all nodes as the stage displacement has it, any constant in it; `gauge.*`
-//   every node is lifted by c (pinhole_nodes.h), and so is every cell of the depth
+//   c = (w . u + 2^(s-1)) >> s       u: all nodes of the stage displacement, with an arbitrary constant; `gauge.*`
+//   each node (pinhole_nodes.h) and each cell of the depth is lifted by c
 //
-// w is made by the host (host/ruffini/estimators/operator/depth_gauge.py): what the spacing of the markers says of nearness, what
-// the rubber's volume says of the mean of a dent's shape, or both. Not in the paper.
+// The host computes w (host/ruffini/estimators/operator/depth_gauge.py) from the spacing of the markers, which shows
+// their distance, from the rubber's volume, which fixes the mean of a dent's shape, or from both. Not in the paper.
 // Frame thread; no allocation after load.
 #pragma once
 
@@ -23,13 +23,13 @@ namespace ruffini {
 
 class DepthGauge {
  public:
-  // kBadInput where the table does not fit the board's nodes; kRefused beside the kind `camera`, whose rays are no
-  // pinhole's.
+  // Returns kBadInput if the table does not fit the board's nodes, kRefused if the calibration has kind `camera`, whose
+  // rays are not those of a pinhole.
   [[nodiscard]] static Result<DepthGauge> load(const Calibration& calibration, const BoardSettings& board);
 
-  // The constant, 1/8 um.
+  // Returns the constant in 1/8 um.
   [[nodiscard]] int64_t constant_q3(std::span<const NodeDisplacement> node) const;
-  // Finds the constant and lifts nodes and depth by it; what does not fit saturates, counted.
+  // Computes the constant and lifts nodes and depth by it; saturates and counts.
   void run(std::span<NodeDisplacement> node, std::span<DisplacementUm> depth, SaturationCounter& saturations) const;
 
  private:

@@ -1,12 +1,12 @@
-// Depth from the markers' motion alone, for boards without side light ([depth] source = "markers").
+// Estimates depth from the markers' motion alone, for boards without side light ([depth] source = "markers").
 //
-//   u_z    = D d            a block program, `marker_depth.*`; d as the nodes see it with u_z = 0, x and y interleaved
-//   u_x, y = d + (X + d) u_z / H                        what of the motion was perspective (pinhole_nodes.h)
+//   u_z    = D d            block program `marker_depth.*`; d: node displacement for u_z = 0, x and y interleaved
+//   u_x, y = d + (X + d) u_z / H                        removes the part due to perspective (pinhole_nodes.h)
 //
-// D is the best linear estimate over simulated touches (host/ruffini/estimators/operator/marker_depth.py): how far a nearly
-// incompressible layer spreads tells how deep it is pressed, and perspective adds its part. A sharp dent leaves little
-// of either, so it comes out too shallow. Without a free constant: far from a touch no marker moves. Not in the paper.
-// Frame thread; no allocation after load.
+// D is the best linear estimate over simulated touches (host/ruffini/estimators/operator/marker_depth.py): the lateral
+// spread of a nearly incompressible layer depends on how deep it is pressed, and perspective adds to it. A sharp dent
+// causes little of either, so its depth is underestimated. There is no unknown constant, since markers far from a touch
+// do not move. Not in the paper. Frame thread; no allocation after load.
 #pragma once
 
 #include <cstdint>
@@ -25,11 +25,11 @@ namespace ruffini {
 
 class MarkerDepth {
  public:
-  // kBadInput where the tables do not fit the board's nodes; kRefused beside the kind `camera`, whose rays are no
-  // pinhole's.
+  // Returns kBadInput if the tables do not fit the board's nodes, kRefused if the calibration has kind `camera`, whose
+  // rays are not those of a pinhole.
   [[nodiscard]] static Result<MarkerDepth> load(const Calibration& calibration, const BoardSettings& board);
 
-  // `node`: displacement with u_z = 0 in, the whole one out.
+  // `node`: displacement with u_z = 0 in, complete displacement out.
   void run(std::span<NodeDisplacement> node, SaturationCounter& saturations);
 
  private:

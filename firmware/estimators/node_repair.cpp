@@ -5,7 +5,8 @@
 namespace ruffini {
 namespace {
 
-// The u_z of an outlier stays unless it is off by twice what u_x and u_y may be: depth often has another source.
+// An outlier keeps its u_z unless it is off by twice the tolerance of u_x and u_y: depth often comes from another
+// source.
 constexpr int32_t kDepthOverShear = 2;
 
 }  // namespace

@@ -1,5 +1,6 @@
-// Fills what a caller's displacement of the nodes lacks, for the solve alone: nodes that were not measured or contradict
-// their neighbours (image/field_repair.h). The nodes of a frame need none: they come from markers that were repaired.
+// Repairs a node displacement given by a caller, for the solve alone: fills nodes that were not measured or that
+// contradict their neighbours (image/field_repair.h). The nodes of a camera frame need no repair, since they come from
+// repaired markers.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +19,7 @@ class NodeRepair {
 
   NodeRepair(const BoardSettings& board, GridSize nodes);
 
-  // A node of which a component is kNotMeasured is missing. Sets is_filled to 1 where a node is filled, else to 0.
+  // A node is missing if any component is kNotMeasured. Sets is_filled to 1 for each filled node, else to 0.
   void run(std::span<NodeDisplacement> displacement, std::span<uint8_t> is_filled);
 
  private:

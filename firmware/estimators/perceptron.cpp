@@ -8,10 +8,10 @@ namespace {
 
 constexpr int kInputFraction = 14;
 constexpr int kUnitFraction = 15;
-constexpr int kTableShift = 6;  // of Q12, to steps of 1/64
+constexpr int kTableShift = 6;  // from Q12 to steps of 1/64
 constexpr int64_t kMaxShift = 40;
 
-// A row's sum stays inside 63 bits: int32 weights, inputs of 2^20, at most 64 of them and one more.
+// Keeps the sum of a row within 63 bits: int32 weights, inputs up to 2^20, at most 64 of them and a bias.
 static_assert((Perceptron::kMaxHidden + 1) * (int64_t{1} << 31) <= (int64_t{1} << 62) / Perceptron::kMaxInput);
 
 int64_t row_of(std::span<const int32_t> weights, std::span<const int64_t> values, int one_fraction) {

@@ -13,7 +13,7 @@ NodeGrid::NodeGrid(const BoardSettings& board)
       size_y_um_(board.pad.size_y_um) {}
 
 int64_t NodeGrid::scale(int64_t sum, int64_t size_um, int64_t steps) {
-  // Whole and rest of sum / (2 steps) apart, so that sum size_um need not fit 64 bits.
+  // Splits sum / (2 steps) into quotient and remainder, so that sum size_um may exceed 64 bits.
   const int64_t whole = floor_div(sum, 2 * steps);
   const int64_t rest = sum - whole * 2 * steps;
   return whole * size_um + floor_div(rest * size_um + steps, 2 * steps);
@@ -72,8 +72,8 @@ Wrench sum_wrench(const NodeGrid& grid, std::span<const NodeForce> force, int64_
           .torque_z_un_um = grid.to_um_x(x_fy * force_lsb_un) - grid.to_um_y(y_fx * force_lsb_un)};
 }
 
-void move_arms(std::span<const NodeForce> force, std::span<const NodeDisplacement> displacement, int64_t force_lsb_un,
-               Wrench& wrench, SaturationCounter& saturations) {
+void add_displacement_moment(std::span<const NodeForce> force, std::span<const NodeDisplacement> displacement,
+                             int64_t force_lsb_un, Wrench& wrench, SaturationCounter& saturations) {
   int64_t x = 0;
   int64_t y = 0;
   int64_t z = 0;
@@ -86,7 +86,7 @@ void move_arms(std::span<const NodeForce> force, std::span<const NodeDisplacemen
   }
   const int64_t limit = (int64_t{1} << 61) / force_lsb_un;
   const auto gained = [&](int64_t sum) {
-    return block_float::limited(round_shift(sum, DisplacementUm::kFrac), saturations, limit) * force_lsb_un;
+    return block_float::clamp_counted(round_shift(sum, DisplacementUm::kFrac), saturations, limit) * force_lsb_un;
   };
   wrench.torque_x_un_um += gained(x);
   wrench.torque_y_un_um += gained(y);

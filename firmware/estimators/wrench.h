@@ -3,8 +3,8 @@
 //   force  = lsb sum f
 //   moment = sum (X x F) about the undeformed pad centre, z = 0:
 //     tx = sum Y fz,  ty = -sum X fz,  tz = sum X fy - sum Y fx
-//   X = (2 i - (n_x - 1)) size_x / (2 (n_x - 1)), i counted over the whole pad's grid; each of the four sums
-//   is rounded half up once, in uN um. move_arms adds the nodes' displacement to X.
+//   X = (2 i - (n_x - 1)) size_x / (2 (n_x - 1)), with i counted over the whole pad's grid; each of the four sums
+//   is rounded half up once, in uN um. add_displacement_moment adds the nodes' displacement to X.
 #pragma once
 
 #include <cstdint>
@@ -20,22 +20,22 @@
 
 namespace ruffini {
 
-// The observed nodes within the pad's grid, and where they are.
+// Positions of the observed nodes within the pad's grid.
 class NodeGrid {
  public:
   explicit NodeGrid(const BoardSettings& board);
 
   [[nodiscard]] GridSize size() const { return {x_.count, y_.count}; }
-  // Twice the steps from the pad's centre: (2 i - (n - 1)).
+  // Position in half steps from the pad's centre: 2 i - (n - 1).
   [[nodiscard]] int64_t twice_steps_x(int column) const { return 2 * (x_.first + column) - (n_.n_x - 1); }
   [[nodiscard]] int64_t twice_steps_y(int row) const { return 2 * (y_.first + row) - (n_.n_y - 1); }
-  // sum of (twice steps) times a quantity -> micrometres times that quantity, half up.
+  // Converts a sum of (half steps times a quantity) to micrometres times that quantity, half up.
   [[nodiscard]] int64_t to_um_x(int64_t sum) const { return scale(sum, size_x_um_, n_.n_x - 1); }
   [[nodiscard]] int64_t to_um_y(int64_t sum) const { return scale(sum, size_y_um_, n_.n_y - 1); }
   [[nodiscard]] int64_t node_area_um2() const;
-  // On the outermost observed line, and the pad goes on beyond.
+  // True if the node is on the outermost observed line and the pad continues beyond it.
   [[nodiscard]] bool is_window_border(int column, int row) const;
-  // Where the nodes are, in their order; allocates.
+  // Positions of the nodes, in node order. Allocates.
   [[nodiscard]] std::vector<NodePlace> places() const;
 
  private:
@@ -50,9 +50,9 @@ class NodeGrid {
 
 [[nodiscard]] Wrench sum_wrench(const NodeGrid& grid, std::span<const NodeForce> force, int64_t force_lsb_un);
 
-// What the moment gains because the nodes have moved: sum u x f, for pads at finite strain. Each component is rounded
-// half up once and limited so that it fits beside the sums above, counted.
-void move_arms(std::span<const NodeForce> force, std::span<const NodeDisplacement> displacement, int64_t force_lsb_un,
-               Wrench& wrench, SaturationCounter& saturations);
+// Adds the moment due to the nodes' displacement, sum u x f, for pads at finite strain. Each component is rounded half
+// up once and clamped so that it can be added to the sums above; clamping is counted.
+void add_displacement_moment(std::span<const NodeForce> force, std::span<const NodeDisplacement> displacement,
+                             int64_t force_lsb_un, Wrench& wrench, SaturationCounter& saturations);
 
 }  // namespace ruffini

@@ -11,7 +11,7 @@ namespace {
 constexpr int kFactorFraction = 20;
 constexpr int kGrowthFraction = 8;
 constexpr int64_t kUmPerMm = 1'000;
-constexpr int64_t kMostUnlisted = 16;  // counted one by one up to here
+constexpr int64_t kMaxUnlisted = 16;  // contacts counted one by one, at most
 constexpr int64_t kMaxReading = int64_t{1} << 40;
 constexpr int64_t kMaxPlace_um = int64_t{1} << 17;
 
@@ -19,12 +19,12 @@ constexpr int64_t kMaxPlace_um = int64_t{1} << 17;
 constexpr std::array<int32_t, 4> kLowest = {100, 100, 0, 0};
 constexpr std::array<int32_t, 4> kHighest = {1 << 20, 1 << 24, 1 << 20, 1 << 20};
 
-// Half up.
+// Rounds half up.
 int64_t rounded(int64_t numerator, int64_t denominator) {
   return floor_div(2 * numerator + denominator, 2 * denominator);
 }
 
-int64_t limited(int64_t x, int64_t limit = WrenchErrorModel::kMaxSigma) { return std::clamp(x, -limit, limit); }
+int64_t clamp_symmetric(int64_t x, int64_t limit = WrenchErrorModel::kMaxSigma) { return std::clamp(x, -limit, limit); }
 
 }  // namespace
 
@@ -63,13 +63,13 @@ Result<WrenchErrorModel> WrenchErrorModel::load(const Calibration& calibration, 
     }
     (*parts[row])[i % 2] = values[i];
   }
-  out.half_x_um_ = limited(pad.size_x_um / 2, kMaxPlace_um);
-  out.half_y_um_ = limited(pad.size_y_um / 2, kMaxPlace_um);
+  out.half_x_um_ = clamp_symmetric(pad.size_x_um / 2, kMaxPlace_um);
+  out.half_y_um_ = clamp_symmetric(pad.size_y_um / 2, kMaxPlace_um);
   return out;
 }
 
-// sqrt(1 + kFilledShear share), Q8 rounded down, on what errs with the shear: fx, fy and tz.
-WrenchErrorModel::ContactError WrenchErrorModel::grown(const TouchedNodes& touched) const {
+// Multiplies the errors that grow with shear (fx, fy, tz) by sqrt(1 + kFilledShear share), Q8, rounded down.
+WrenchErrorModel::ContactError WrenchErrorModel::scaled_for_filled(const TouchedNodes& touched) const {
   ContactError out = contact_;
   if (touched.n_filled == 0) return out;
   const int64_t square_q16 = ((touched.n + kFilledShear * touched.n_filled) << (2 * kGrowthFraction)) / touched.n;
@@ -81,29 +81,29 @@ WrenchErrorModel::ContactError WrenchErrorModel::grown(const TouchedNodes& touch
   return out;
 }
 
-// Errors of a force at (x, y): its wrench about the origin is (F, X x F).
+// Adds the errors of a force at (x, y), whose wrench about the origin is (F, X x F).
 void WrenchErrorModel::add_contact(WrenchCovariance& sum, const ContactError& error, const Contact& contact) {
-  const int64_t x = limited(contact.center_x_um, kMaxPlace_um);
-  const int64_t y = limited(contact.center_y_um, kMaxPlace_um);
+  const int64_t x = clamp_symmetric(contact.center_x_um, kMaxPlace_um);
+  const int64_t y = clamp_symmetric(contact.center_y_um, kMaxPlace_um);
   const auto [shear, normal] = error.force_un;
-  add_outer(sum, {shear, 0, 0, 0, 0, limited(rounded(-y * shear, kUmPerMm))});
-  add_outer(sum, {0, shear, 0, 0, 0, limited(rounded(x * shear, kUmPerMm))});
+  add_outer(sum, {shear, 0, 0, 0, 0, clamp_symmetric(rounded(-y * shear, kUmPerMm))});
+  add_outer(sum, {0, shear, 0, 0, 0, clamp_symmetric(rounded(x * shear, kUmPerMm))});
   add_outer(sum, {0, 0, normal, rounded(y * normal, kUmPerMm), rounded(-x * normal, kUmPerMm), 0});
-  const int64_t pressing = limited(contact.force_z_un, kMaxReading);
+  const int64_t pressing = clamp_symmetric(contact.force_z_un, kMaxReading);
   for (size_t axis = 3; axis < 6; ++axis) {
     const size_t part = axis == 5 ? 1 : 0;
     Vector constant{};
     Vector proportional{};
     constant[axis] = error.moment_un_mm[part];
-    proportional[axis] = limited(rounded(error.lever_nm[part] * pressing, kUmPerMm * kUmPerMm));
+    proportional[axis] = clamp_symmetric(rounded(error.lever_nm[part] * pressing, kUmPerMm * kUmPerMm));
     add_outer(sum, constant);
     add_outer(sum, proportional);
   }
 }
 
-// Half the pad is their arm, in both directions.
+// Their lever is half the pad in both directions.
 void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, const ContactError& error, int64_t n_contacts) const {
-  const int64_t n = std::min(n_contacts, kMostUnlisted);
+  const int64_t n = std::min(n_contacts, kMaxUnlisted);
   const auto [shear, normal] = error.force_un;
   const auto [bending, torsion] = error.moment_un_mm;
   const int64_t x_mm = half_x_um_ / kUmPerMm + 1;
@@ -116,7 +116,7 @@ void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, const ContactError& e
                        std::max(shear * (x_mm + y_mm), torsion)};
   for (size_t i = 0; i < each.size(); ++i) {
     Vector alone{};
-    alone[i] = limited(each[i]);
+    alone[i] = clamp_symmetric(each[i]);
     add_outer(sum, alone, n);
   }
 }
@@ -124,9 +124,9 @@ void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, const ContactError& e
 WrenchCovariance WrenchErrorModel::run(const Wrench& w, const ContactList& contacts,
                                        const TouchedNodes& touched) const {
   WrenchCovariance sum;
-  const ContactError error = grown(touched);
+  const ContactError error = scaled_for_filled(touched);
   const auto part = [](int64_t factor, int64_t reading) {
-    return limited(round_shift(factor * limited(reading, kMaxReading), kFactorFraction));
+    return clamp_symmetric(round_shift(factor * clamp_symmetric(reading, kMaxReading), kFactorFraction));
   };
   const auto mm = [](int64_t torque_un_um) { return rounded(torque_un_um, kUmPerMm); };
   const auto parts = [&](int64_t shear, int64_t pressure) {

@@ -1,18 +1,19 @@
 // Covariance of the wrench about the pad's centre: upper triangle by rows, (uN, uN mm)^2.
 //
-// A sum of outer products of whole vectors, so it is positive semi-definite in integers too:
+// It is a sum of outer products of whole vectors, so it is positive semi-definite in integers too:
 //
-//   all contacts together   the shear part of the wrench (fx, fy, tz) times a common factor, and its
-//                           pressure part (fz, tx, ty) times another: what the
-//                           finite elements and a slightly wrong shape of the material make of it
-//   the whole wrench        times the relative standard deviation of the pad's stiffness (stages/support/uncertainty_stage.cpp)
-//   each contact, about     sigma of each force component, carried to the pad's centre as the wrench of a force
-//   its centre of pressure  there; sigma of each moment: a constant and a lever times the pressing force. Those of the
-//                           shear part times sqrt(1 + kFilledShear share), share of the touched nodes that are filled
+//   all contacts together   the shear part of the wrench (fx, fy, tz) times one relative error and its pressure part
+//                           (fz, tx, ty) times another: errors of the finite elements and of a slightly wrong
+//                           material law
+//   the whole wrench        times the relative standard deviation of the pad's stiffness
+//                           (stages/support/uncertainty_stage.cpp)
+//   each contact, about     sigma of each force component, moved to the pad's centre as the wrench of a force there;
+//   its centre of pressure  sigma of each moment: a constant plus a lever times the normal force. Shear sigmas are
+//                           multiplied by sqrt(1 + kFilledShear share), share: filled fraction of the touched nodes
 //
-// Contacts beyond the listed ones count like one each, anywhere on the pad; where nothing touches, the
-// error of one contact in the middle stands. Vectors are held to +-kMaxSigma, so no sum overflows.
-// Frame thread; no allocation. Not in the paper; host/ruffini/fem/uncertainty.py has the model.
+// Each contact beyond the listed ones counts as one more, anywhere on the pad. Without contact, the error of one
+// contact in the middle is reported. Vectors are clamped to +-kMaxSigma, so no sum overflows. Frame thread; no
+// allocation. Not in the paper; the model is in host/ruffini/fem/uncertainty.py.
 #pragma once
 
 #include <array>
@@ -26,10 +27,10 @@
 
 namespace ruffini {
 
-// sum += times v v^T. Precondition: nothing leaves 63 bits.
+// sum += times v v^T. Precondition: no element exceeds 63 bits.
 void add_outer(WrenchCovariance& sum, const std::array<int64_t, 6>& v, int64_t times = 1);
 
-// Nodes of the contact mask, and which of them are filled (image/displacement.h).
+// Number of nodes in the contact mask, and how many of them are filled (image/displacement.h).
 struct TouchedNodes {
   int64_t n = 0;
   int64_t n_filled = 0;
@@ -41,12 +42,12 @@ class WrenchErrorModel {
  public:
   static constexpr int kParameters = 8;
   static constexpr int64_t kMaxSigma = int64_t{1} << 28;  // uN, uN mm: 268 N
-  // Twice the sigma of a share s of independent nodes would make 1 + 3 s; but a lost marker takes several nodes along. 6
-  // makes sigma 1.14, 1.26 and 1.48 times as large at shares of 5, 10 and 20 %, where the resultant's error was 1.07, 1.11
-  // and 1.57 times as large (host/ruffini/fem/README.md, "Lost markers").
+  // For independent nodes the sigma would double at 1 + 3 s with s the filled share, but one lost marker affects
+  // several nodes. A factor of 6 makes sigma 1.14, 1.26 and 1.48 times as large at shares of 5, 10 and 20 %, where the
+  // error of the resultant was 1.07, 1.11 and 1.57 times as large (host/ruffini/fem/DESIGN.md, "Lost markers").
   static constexpr int64_t kFilledShear = 6;
 
-  // Tensor support.error_wrench. stiffness_q20: relative, at most a half.
+  // Loads the tensor support.error_wrench. stiffness_q20: relative, at most one half.
   [[nodiscard]] static Result<WrenchErrorModel> load(const Calibration& calibration, const PadSettings& pad,
                                                      int64_t stiffness_q20 = 0);
 
@@ -56,7 +57,7 @@ class WrenchErrorModel {
  private:
   using Vector = std::array<int64_t, 6>;
 
-  // Sigmas of one contact's own error. Shear and normal; about an axis in the surface, and about z.
+  // Standard deviations of one contact's own error. Index 0: shear, or an axis in the surface; 1: normal, or z.
   struct ContactError {
     std::array<int64_t, 2> force_un{};
     std::array<int64_t, 2> moment_un_mm{};
@@ -65,7 +66,7 @@ class WrenchErrorModel {
 
   static void add_contact(WrenchCovariance& sum, const ContactError& error, const Contact& contact);
   void add_unlisted(WrenchCovariance& sum, const ContactError& error, int64_t n_contacts) const;
-  [[nodiscard]] ContactError grown(const TouchedNodes& touched) const;
+  [[nodiscard]] ContactError scaled_for_filled(const TouchedNodes& touched) const;
 
   ContactError contact_;
   std::array<int64_t, 2> factor_q20_{};

@@ -9,7 +9,7 @@ namespace {
 constexpr int64_t kStepNm = kDisplacementLsbNm;
 constexpr int64_t kWindowUs = 1'000'000;
 constexpr int64_t kHourUs = 3'600'000'000;
-constexpr int64_t kMaxWindowUs = 2 * kWindowUs;  // a longer one had a gap: how the pad fared in it is not known
+constexpr int64_t kMaxWindowUs = 2 * kWindowUs;  // a longer window had a gap, during which the pad's state is unknown
 constexpr int32_t kLimit = static_cast<int32_t>((ZeroFollower::kLimitNm << 16) / kStepNm);
 static_assert(int64_t{kLimit} * kStepNm >> 16 == ZeroFollower::kLimitNm, "the limit is whole steps");
 

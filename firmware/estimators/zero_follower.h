@@ -1,11 +1,11 @@
-// Creep of a pad that nothing touches: its displacement at rest, followed slowly. For live cameras.
+// Follows the slow creep of an untouched pad and subtracts it from the displacement. For live cameras.
 //
 //   out = u - round(zero)                          each component of each node
-//   each second in which nothing pressed and no frame was wrong, m = mean of u over its frames:
-//   zero += clamp(m - zero, +-kNmPerHour / 3600)   at most kLimitNm from the rest image
+//   for each second without contact and without an invalid frame, m = mean of u over its frames:
+//   zero += clamp(m - zero, +-kNmPerHour / 3600)   within kLimitNm of the rest image
 //
-// A load that counts as a touch is never learned; one that stays below what counts as a touch is, at kNmPerHour, and in all
-// no more than kLimitNm: that is what this can hide. A zero begins anew. Frame thread; no allocation after the
+// A load above the contact threshold is never learned. A load below it is, at kNmPerHour and at most kLimitNm in total:
+// that is the largest error this class can cause. Zeroing restarts it. Frame thread; no allocation after the
 // constructor. Not in the papers.
 #pragma once
 
@@ -24,12 +24,12 @@ class ZeroFollower {
 
   explicit ZeroFollower(size_t n_nodes) : zero_(3 * n_nodes), sum_(3 * n_nodes) {}
 
-  // `may_press`: something may press on the pad, or the frame is wrong. Without a capture time (0) nothing is learned.
+  // `may_press`: there may be contact, or the frame is invalid. Without a capture time (0) nothing is learned.
   void run(std::span<NodeDisplacement> node, bool may_press, uint64_t capture_us);
-  // Rest is new.
+  // Restarts from a new rest image.
   void forget();
 
-  // How far the farthest component has moved since.
+  // Largest change of any component since the rest image.
   [[nodiscard]] int64_t moved_nm() const { return moved_nm_; }
   [[nodiscard]] bool is_at_limit() const { return moved_nm_ >= kLimitNm; }
 
@@ -38,9 +38,9 @@ class ZeroFollower {
   void follow(int64_t elapsed_us);
 
   std::vector<int32_t> zero_;  // Q16 of a step of DisplacementUm
-  std::vector<int32_t> sum_;   // of the frames of this second, steps
+  std::vector<int32_t> sum_;   // sums over the frames of the current second, in steps
   int64_t n_frames_ = 0;
-  uint64_t began_us_ = 0;  // 0: no second runs
+  uint64_t began_us_ = 0;  // 0: no second has begun
   int64_t moved_nm_ = 0;
 };
 

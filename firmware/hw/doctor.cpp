@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int64_t kHotMilliCelsius = 80'000;        // a Raspberry Pi slows down from here on
+constexpr int64_t kHotMilliCelsius = 80'000;        // a Raspberry Pi throttles from here on
 constexpr rlim_t kLockedBytes = rlim_t{256} << 20;  // buffers, calibration and code of the daemon
 
 std::optional<std::string> first_line(const fs::path& path) {
@@ -59,7 +59,7 @@ std::string names(const std::vector<fs::path>& paths) {
   return list;
 }
 
-// Whether who asks may read and write: by effective user, as open() would see it.
+// True if the calling user may read and write: by effective user, as open() checks it.
 bool may_use(const fs::path& path) { return ::faccessat(AT_FDCWD, path.c_str(), R_OK | W_OK, AT_EACCESS) == 0; }
 
 class Examination {
@@ -233,7 +233,7 @@ Check examine_threads(const ThreadsSettings& threads) {
     if (wanted.priority == 0 && wanted.cpus == 0) continue;
     std::thread([&] {
       const std::string problem = place_thread(role, wanted);
-      found += (found.empty() ? "" : ", ") + std::string(role) + " " + thread_placed();
+      found += (found.empty() ? "" : ", ") + std::string(role) + " " + thread_placement();
       if (!problem.empty()) problems += (problems.empty() ? "" : "; ") + problem;
     }).join();
   }

@@ -1,4 +1,4 @@
-// What the daemon needs of this computer, looked at one by one, each with its remedy (`ruffinid --doctor`).
+// Checks everything that the daemon needs from this computer, with a remedy for each problem (`ruffinid --doctor`).
 #pragma once
 
 #include <string>
@@ -14,27 +14,28 @@ enum class CheckState { kOk, kWarning, kFailed };
 struct Check {
   std::string name;
   CheckState state = CheckState::kOk;
-  std::string found;   // what is so
-  std::string remedy;  // what to do; empty where nothing
+  std::string found;   // the actual state
+  std::string remedy;  // what to do; empty if nothing
 };
 
 struct DoctorRequest {
-  std::string root;   // in front of /dev, /sys, /proc and the paths below; empty but in tests
+  std::string root;   // prefix of /dev, /sys, /proc and the paths below; empty except in tests
   std::string link;   // as --link
   std::string store;  // as --store
 };
 
-// Devices and permissions (of the user who asks), USB port, clock, governor, throttling, heat, memory lock.
+// Checks devices and permissions (of the calling user), USB port, clock, governor, throttling, temperature, memory
+// lock.
 [[nodiscard]] std::vector<Check> examine(const DoctorRequest& request);
 
-// Priorities and CPUs of [threads], each tried by a thread of its own.
+// Checks priorities and CPUs of [threads] by trying each in a thread of its own.
 [[nodiscard]] Check examine_threads(const ThreadsSettings& threads);
 
-// [led_driver]: whether it answers; nothing is switched. `bus`: of a test; else the board's is opened.
+// Checks that the [led_driver] answers; switches nothing. `bus`: for tests; otherwise the board's is opened.
 [[nodiscard]] Check examine_lamps(const LedDriverSettings& driver, I2cBus* bus = nullptr);
 
 [[nodiscard]] bool has_failed(const std::vector<Check>& checks);
-// A line for each check, its remedy under it.
+// One line per check, followed by its remedy.
 [[nodiscard]] std::string as_text(const std::vector<Check>& checks);
 // {"ok": BOOL, "checks": [{"name", "state": "ok"|"warning"|"failed", "found", "remedy"}, ...]}
 [[nodiscard]] std::string as_json(const std::vector<Check>& checks);

@@ -14,7 +14,7 @@
 namespace ruffini {
 namespace {
 
-// vidbuf_cached and linux,cma: Raspberry Pi, in one piece, as its camera wants; system: pages.
+// vidbuf_cached and linux,cma: physically contiguous, as the Raspberry Pi's camera needs; system: pages.
 constexpr const char* kHeaps[] = {"vidbuf_cached", "linux,cma", "reserved", "default_cma_region", "system"};
 
 UniqueFd from_heap(const std::string& path, size_t n_bytes) {
@@ -29,7 +29,7 @@ UniqueFd from_heap(const std::string& path, size_t n_bytes) {
 
 void sync(int fd, uint64_t flags) {
   const dma_buf_sync step{flags | DMA_BUF_SYNC_READ};
-  // A signal may cut it short; of memory that is no DMA buffer it says ENOTTY.
+  // A signal may interrupt the call; memory that is not a DMA buffer gives ENOTTY.
   while (::ioctl(fd, DMA_BUF_IOCTL_SYNC, &step) != 0 && errno == EINTR) {
   }
 }

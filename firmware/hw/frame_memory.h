@@ -1,4 +1,4 @@
-// Memory that a camera writes and the processor reads: a DMA heap's where the kernel has one, else a memfd.
+// Memory that a camera writes and the processor reads: from a DMA heap if the kernel has one, else a memfd.
 #pragma once
 
 #include <cstddef>
@@ -11,14 +11,14 @@ namespace ruffini {
 
 struct FrameMemory {
   UniqueFd fd;
-  bool is_dma = false;  // else only a camera that is a program can write it
+  bool is_dma = false;  // otherwise only software cameras can write it
 };
 
-// `heaps`: the folder of the kernel's heaps; the first of them that gives memory is taken, cached ones before others.
-// Errors: kUnavailable where not even a memfd can be had.
+// `heaps`: folder of the kernel's heaps. Takes the first heap that provides memory, cached heaps first. Errors:
+// kUnavailable if even a memfd is impossible.
 [[nodiscard]] Result<FrameMemory> allocate_frame_memory(size_t n_bytes, const char* heaps = "/dev/dma_heap");
 
-// The memory of `fd`, mapped for reading; unmapped at the end.
+// Maps the memory of `fd` for reading and unmaps it in the destructor.
 class FrameMapping {
  public:
   FrameMapping() = default;
@@ -28,9 +28,9 @@ class FrameMapping {
   FrameMapping(const FrameMapping&) = delete;
   ~FrameMapping();
 
-  // nullptr: it could not be mapped.
+  // Returns nullptr if it could not be mapped.
   [[nodiscard]] const uint8_t* data() const { return data_; }
-  // What the camera wrote becomes visible / the camera may write again. Nothing to do for memory that is no DMA buffer.
+  // Makes the camera's data visible / allows the camera to write again. No effect for memory that is not a DMA buffer.
   void begin_read() const;
   void end_read() const;
 

@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kTries = 3;
 constexpr unsigned long kTimeout10Ms = 2;
-constexpr size_t kChunkBytes = 32;  // no message is longer: some adapters take no more
+constexpr size_t kChunkBytes = 32;  // maximum message length: some adapters accept no more
 
 class KernelBus final : public I2cBus {
  public:
@@ -27,7 +27,7 @@ class KernelBus final : public I2cBus {
   int transfer(uint8_t address, std::span<const uint8_t> out, std::span<uint8_t> in) override {
     std::array<i2c_msg, 2> messages{};
     uint32_t n = 0;
-    // The kernel does not change what it writes.
+    // The kernel does not modify the buffer of a write.
     if (!out.empty()) messages[n++] = message(address, 0, const_cast<uint8_t*>(out.data()), out.size());
     if (!in.empty()) messages[n++] = message(address, I2C_M_RD, in.data(), in.size());
     i2c_rdwr_ioctl_data both{messages.data(), n};

@@ -23,7 +23,7 @@ bool is_serial(const std::string& text) {
   }) && text.front() != '.';
 }
 
-// All bytes of an identity, by its header; 0: no header.
+// Total size of an identity according to its header; 0: no header.
 size_t whole_bytes(std::span<const uint8_t> bytes) {
   if (bytes.size() < kHeaderBytes || std::memcmp(bytes.data(), kMagic, sizeof kMagic) != 0) return 0;
   const size_t n = size_t{bytes[6]} + (size_t{bytes[7]} << 8) + kHeaderBytes + kCrcBytes;

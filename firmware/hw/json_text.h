@@ -1,11 +1,11 @@
-// Text as JSON has it. Edges only.
+// Formats text as JSON. Not for the core.
 #pragma once
 
 #include <string>
 
 namespace ruffini {
 
-// In quotes; control characters become spaces.
+// Adds quotes; control characters become spaces.
 [[nodiscard]] inline std::string json_quoted(const std::string& text) {
   std::string out = "\"";
   for (const char c : text) {

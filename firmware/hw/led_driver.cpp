@@ -15,8 +15,8 @@ constexpr uint8_t kEFlag0 = 0x46;
 constexpr uint8_t kIncrement = 0x80;
 constexpr uint8_t kHot = 0x80;
 constexpr uint8_t kFaulty = 0x40;
-constexpr uint8_t kClear = 0x10;  // of MODE2: the faults are looked for anew
-constexpr size_t kPerByte = 4;    // outputs, of LEDOUT and EFLAG
+constexpr uint8_t kClear = 0x10;  // bit of MODE2: clears the fault flags
+constexpr size_t kPerByte = 4;    // outputs per byte of LEDOUT and EFLAG
 constexpr int64_t kStepUv = 225'000;
 constexpr int kRampSteps = 32;
 
@@ -85,7 +85,7 @@ Result<bool> LedDriver::is_as_set() {
   return steps == steps_ && lit == lit_;
 }
 
-std::string LedDriver::look(std::optional<int32_t> milli_celsius) {
+std::string LedDriver::check(std::optional<int32_t> milli_celsius) {
   if (!out_.empty()) return out_;
   std::array<uint8_t, 1> mode{};
   if (Status told = read(kMode2, mode); !told) return "the lamps' driver: " + told.error().message;
@@ -107,7 +107,7 @@ std::string LedDriver::look(std::optional<int32_t> milli_celsius) {
   return {};
 }
 
-// Only of outputs that are to be lit: the others have nothing on them.
+// Only for outputs in use: nothing is connected to the others.
 std::string LedDriver::faults_of_outputs() {
   LedOut flags{};
   if (Status told = read(kEFlag0, flags); !told) return "the lamps' driver: " + told.error().message;
@@ -117,7 +117,8 @@ std::string LedDriver::faults_of_outputs() {
     if (steps_[i] == 0 || fault == 0) continue;
     list += (list.empty() ? "" : ", ") + std::to_string(i) + (fault == 1 ? " shorted" : " open");
   }
-  static_cast<void>(write(kMode2, std::array<uint8_t, 1>{kClear}));  // a fault that is over is not told again
+  // So that a fault that has ended is not reported again
+  static_cast<void>(write(kMode2, std::array<uint8_t, 1>{kClear}));
   return list.empty() ? std::string() : "lamps at the driver's outputs: " + list;
 }
 

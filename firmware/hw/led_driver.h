@@ -1,4 +1,4 @@
-// Lamps on a constant-current driver on I2C: NXP PCA9955B, 16 outputs (product data sheet, revision 2.2).
+// Lamps on an I2C constant-current driver, NXP PCA9955B with 16 outputs (product data sheet, revision 2.2).
 //
 //   current of output i = IREF_i 225 mV / R      R: [led_driver] resistor_ohm, at its pin REXT; 225 uA a step at 1 kOhm
 //
@@ -6,7 +6,8 @@
 //   0x02 LEDOUT0  two bits an output: 0 off, 1 on without PWM      0x18 IREF0      0x46 EFLAG0  two bits an output:
 //   0x80 in front of a register: the next byte is the next one's   0 well, 1 shorted, 2 open
 //
-// Its pin OE (low: lit) is free for the line of [light], which light.alternation needs. Not of the frame thread.
+// Its pin OE (low: lit) remains available for the line of [light], which light.alternation needs. Not for the frame
+// thread.
 #pragma once
 
 #include <array>
@@ -27,25 +28,26 @@ class LedDriver {
   static constexpr size_t kOutputs = 16;
   using Sleep = std::function<void(std::chrono::milliseconds)>;
 
-  // Everything off, then from dark to the currents of the board within ramp_ms, in 32 steps. Takes that long.
-  // Errors: kUnavailable (nobody answers, or what is written does not stay), kBadInput (a current beyond 255 steps).
+  // Switches all outputs off, then ramps to the board's currents within ramp_ms, in 32 steps; returns after the ramp.
+  // Errors: kUnavailable (no device answers, or registers do not keep their values), kBadInput (a current beyond 255
+  // steps).
   [[nodiscard]] static Result<std::unique_ptr<LedDriver>> open(std::unique_ptr<I2cBus> bus,
                                                                const LedDriverSettings& settings, const Sleep& sleep);
-  // Whether something answers at the address, without switching anything. Errors: kUnavailable.
+  // Checks that a device answers at the address; switches nothing. Errors: kUnavailable.
   [[nodiscard]] static Status find(I2cBus& bus, int64_t address);
-  // Off; nobody is left to hear where that fails.
+  // Switches the lamps off; errors cannot be reported any more.
   ~LedDriver();
   LedDriver(const LedDriver&) = delete;
   LedDriver& operator=(const LedDriver&) = delete;
 
-  // About once a second: what is wrong, in a sentence; empty: the lamps are as asked. Too hot, by the chip or by
-  // [temperature] (nothing: not known): the lamps go out, and stay out until ruffinid is started again. Currents that
-  // a dip of the supply took are told, not written again: the lamps' heat and the rest picture are not the same after it.
-  [[nodiscard]] std::string look(std::optional<int32_t> milli_celsius);
+  // Call about once a second. Returns the problem in one sentence; empty: the lamps are as configured. If the chip or
+  // [temperature] (no value: unknown) is too hot, the lamps go out until ruffinid is restarted. Currents lost in a
+  // supply dip are reported, not written again: the lamps' heat, and so the rest image, would differ.
+  [[nodiscard]] std::string check(std::optional<int32_t> milli_celsius);
   // All outputs off.
   [[nodiscard]] Status off();
 
-  // Of each output, for the currents of the board.
+  // Current step of each output for the board's currents.
   [[nodiscard]] const std::array<uint8_t, kOutputs>& steps() const { return steps_; }
 
  private:
@@ -60,8 +62,8 @@ class LedDriver {
   uint8_t address_;
   LedDriverSettings settings_;
   std::array<uint8_t, kOutputs> steps_{};
-  std::array<uint8_t, kOutputs / 4> lit_{};  // LEDOUT of the outputs that have a current
-  std::string out_;                          // why the lamps were put out; empty: they are lit
+  std::array<uint8_t, kOutputs / 4> lit_{};  // LEDOUT values of the outputs in use
+  std::string out_;                          // why the lamps were switched off; empty: they are lit
 };
 
 }  // namespace ruffini

@@ -1,4 +1,4 @@
-// A board that runs Linux.
+// Peripherals of a board that runs Linux.
 #pragma once
 
 #include <memory>
@@ -12,7 +12,7 @@
 
 namespace ruffini {
 
-// Where things are; empty: there is none.
+// Locations of the peripherals; empty: there is none.
 struct LinuxPlaces {
   std::string thermometer;  // hw/thermometer.h
   std::string throttled;    // hw/throttling.h
@@ -22,7 +22,7 @@ struct LinuxPlaces {
 
 class LinuxBoard final : public BoardIo {
  public:
-  // A reflex line that cannot be had leaves the sensor without one: `problem` says why.
+  // If the reflex line is unavailable, the sensor runs without it, and `problem` states why.
   LinuxBoard(const LinuxPlaces& places, NotifySocket manager, std::string& problem);
 
   [[nodiscard]] std::optional<int32_t> milli_celsius() const override { return thermometer_.milli_celsius(); }
@@ -30,7 +30,7 @@ class LinuxBoard final : public BoardIo {
   [[nodiscard]] bool has_reflex() const override { return reflex_ != nullptr; }
   [[nodiscard]] bool switch_reflex(bool is_on) override { return reflex_ != nullptr && reflex_->set(is_on); }
   [[nodiscard]] uint64_t watchdog_us() const override { return manager_.watchdog_us(); }
-  void tell_manager(std::string_view what) override { manager_.say(what); }
+  void notify_manager(std::string_view what) override { manager_.send(what); }
 
  private:
   Thermometer thermometer_;

@@ -1,4 +1,4 @@
-// Whether every thread has moved on since the watchdog was last fed.
+// Checks that every thread has made progress since the watchdog was last fed.
 #pragma once
 
 #include <array>
@@ -7,7 +7,7 @@
 
 namespace ruffini {
 
-// What a thread has done so far, in any unit that only grows; it need not move on while nothing is expected of it.
+// Progress of a thread in any increasing unit. It need not increase while no progress is expected.
 struct ThreadProgress {
   const char* name = "";
   uint64_t count = 0;
@@ -17,10 +17,10 @@ struct ThreadProgress {
 template <size_t n_threads>
 class Liveness {
  public:
-  // The manager wants to hear every `watchdog_us`; 0: never. It does three times as often.
+  // `watchdog_us`: the manager's timeout; 0: no watchdog. The watchdog is fed three times per timeout.
   explicit Liveness(uint64_t watchdog_us) : interval_us_(watchdog_us / 3) {}
 
-  // True: feed now. To be called a few times in an interval.
+  // Returns true if the watchdog is to be fed now. Call a few times per interval.
   [[nodiscard]] bool update(const std::array<ThreadProgress, n_threads>& threads, uint64_t now_us) {
     if (interval_us_ == 0) return false;
     if (fed_us_ != 0 && now_us - fed_us_ < interval_us_) return false;
@@ -33,7 +33,7 @@ class Liveness {
     fed_us_ = now_us;
     return true;
   }
-  // The thread that the watchdog waits for; empty: none.
+  // Name of a thread without progress; empty: none.
   [[nodiscard]] const char* stuck() const { return stuck_; }
 
  private:

@@ -40,7 +40,7 @@ NotifySocket::NotifySocket(const std::string& address, uint64_t watchdog_us) {
   watchdog_us_ = watchdog_us;
 }
 
-void NotifySocket::say(std::string_view what) const {
+void NotifySocket::send(std::string_view what) const {
   if (socket_) (void)::send(socket_.get(), what.data(), what.size(), MSG_NOSIGNAL);
 }
 

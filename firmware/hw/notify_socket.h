@@ -1,4 +1,4 @@
-// What a service manager is told: READY=1, WATCHDOG=1, STOPPING=1 (sd_notify(3), a datagram to NOTIFY_SOCKET).
+// Sends READY=1, WATCHDOG=1 and STOPPING=1 to the service manager (sd_notify(3), a datagram to NOTIFY_SOCKET).
 #pragma once
 
 #include <cstdint>
@@ -11,14 +11,14 @@ namespace ruffini {
 
 class NotifySocket {
  public:
-  // Of the environment: NOTIFY_SOCKET, and WATCHDOG_USEC where WATCHDOG_PID is this process or absent.
+  // From the environment: NOTIFY_SOCKET, and WATCHDOG_USEC if WATCHDOG_PID is this process or absent.
   [[nodiscard]] static NotifySocket from_environment();
-  // An empty address: nobody wants to know. An address that begins with @ is in the abstract name space.
+  // An empty address: there is no manager. An address that begins with @ is in the abstract name space.
   NotifySocket(const std::string& address, uint64_t watchdog_us);
 
-  // Never blocks; a manager that does not listen is not waited for.
-  void say(std::string_view what) const;
-  // How often the manager wants to hear WATCHDOG=1; 0: never.
+  // Never blocks, even if the manager does not read.
+  void send(std::string_view what) const;
+  // Interval at which the manager expects WATCHDOG=1; 0: never.
   [[nodiscard]] uint64_t watchdog_us() const { return watchdog_us_; }
 
  private:

@@ -1,5 +1,5 @@
-// One output line of a GPIO chip, by the kernel's own interface (linux/gpio.h, version 2): what libgpiod 1 and 2 of the two
-// Debian releases have in common.
+// One output line of a GPIO chip, through the kernel's interface (linux/gpio.h, version 2), which libgpiod 1 and 2 of
+// the two Debian releases share.
 #pragma once
 
 #include <memory>
@@ -12,12 +12,12 @@ namespace ruffini {
 class OutputLine {
  public:
   virtual ~OutputLine() = default;
-  // False: the line cannot be set any more.
+  // Returns false if the line can no longer be set.
   [[nodiscard]] virtual bool set(bool is_on) = 0;
 };
 
-// `chip`: "gpiochip0" or a path; `name`: of the line, as the board's device tree calls it. Off at first.
-// Errors: kUnavailable (no such chip, no such line, in use).
+// `chip`: "gpiochip0" or a path. `name`: name of the line in the board's device tree. Initially off. Errors:
+// kUnavailable (no such chip, no such line, in use).
 [[nodiscard]] Result<std::unique_ptr<OutputLine>> open_output_line(const std::string& chip, const std::string& name);
 
 }  // namespace ruffini

@@ -25,7 +25,7 @@ Result<PadHardware> PadHardware::open(const BoardSettings& board) {
   }
   auto pad = open(board, std::move(bus));
   if (!pad) return pad;
-  std::string& dark = pad.value().dark_;
+  std::string& dark = pad.value().lamp_error_;
   if (!board.light.line.empty()) {
     auto lamps = open_output_line(board.light.chip, board.light.line);
     if (lamps && lamps.value()->set(true)) {
@@ -47,11 +47,11 @@ Result<PadHardware> PadHardware::open(const BoardSettings& board) {
 }
 
 std::string PadHardware::lamp_fault(std::optional<int32_t> milli_celsius) {
-  if (!dark_.empty() || driver_ == nullptr) return dark_;
-  return driver_->look(milli_celsius);
+  if (!lamp_error_.empty() || driver_ == nullptr) return lamp_error_;
+  return driver_->check(milli_celsius);
 }
 
-// Both give the lamps back dark; a line's new owner begins with it off.
+// Both leave the lamps dark; requesting a line sets it to off.
 std::string PadHardware::lights_off(const BoardSettings& board) {
   std::string problem;
   if (!board.led_driver.bus.empty()) {
@@ -68,7 +68,7 @@ std::string PadHardware::lights_off(const BoardSettings& board) {
 }
 
 PadHardware::~PadHardware() {
-  if (lamps_ != nullptr) static_cast<void>(lamps_->set(false));  // nobody is left to hear that it failed
+  if (lamps_ != nullptr) static_cast<void>(lamps_->set(false));  // errors cannot be reported any more
 }
 
 Result<PadHardware> PadHardware::open(const BoardSettings& board, std::unique_ptr<I2cBus> bus) {
@@ -101,7 +101,7 @@ std::string PadHardware::store_folder(const std::string& store) const {
   return gel_serial_.empty() ? store : store + "/gel-" + gel_serial_;
 }
 
-std::string PadHardware::lost() {
+std::string PadHardware::gel_fault() {
   if (gel_serial_.empty()) return {};
   const auto found =
       read_identity(*bus_, static_cast<uint8_t>(eeprom_.gel_address), eeprom_.address_bytes, IdentityKind::kGel);

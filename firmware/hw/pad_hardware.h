@@ -1,4 +1,4 @@
-// What is round the sensor beside its camera: its lamps, and EEPROMs that say which board and which gel these are.
+// Hardware of the pad besides its camera: lamps, and the EEPROMs that identify board and gel.
 #pragma once
 
 #include <memory>
@@ -15,28 +15,28 @@ namespace ruffini {
 
 class PadHardware {
  public:
-  // Switches the lamps of [light] and [led_driver] on, until the end; reads the EEPROMs of [eeprom]. Errors: kUnavailable (bus, or nobody
-  // answers), kBadInput (no identity), kRefused (the board's is that of another board.toml).
+  // Switches the lamps of [light] and [led_driver] on, until the destructor, and reads the EEPROMs of [eeprom]. Errors:
+  // kUnavailable (bus, or no device answers), kBadInput (no identity), kRefused (identity of another board).
   [[nodiscard]] static Result<PadHardware> open(const BoardSettings& board);
-  // With a bus that is open already.
+  // With a bus that is already open.
   [[nodiscard]] static Result<PadHardware> open(const BoardSettings& board, std::unique_ptr<I2cBus> bus);
 
-  // The board's serial number; empty where its EEPROM was not asked for.
+  // Serial number of the board; empty if its EEPROM is not configured.
   [[nodiscard]] const std::string& board_serial() const { return board_serial_; }
-  // Why the lamps could not be switched on; empty where they are, or have a switch of their own. Frames are dark then,
-  // and flagged so.
-  [[nodiscard]] const std::string& dark() const { return dark_; }
-  // Link thread, about once a second: dark(), or what their driver says of them (LedDriver::look); empty: all is well.
+  // Why the lamps could not be switched on; empty if they are on or not switched by ruffinid. Frames are dark then and
+  // flagged.
+  [[nodiscard]] const std::string& lamp_error() const { return lamp_error_; }
+  // Link thread, about once a second: lamp_error(), or the fault of the LED driver (LedDriver::check); empty: no fault.
   [[nodiscard]] std::string lamp_fault(std::optional<int32_t> milli_celsius);
-  // The lamps' line, for light.alternation; nullptr: there is none, or it could not be had.
+  // The lamps' line, for light.alternation; nullptr if there is none or it was unavailable.
   [[nodiscard]] OutputLine* lamps() { return lamps_.get(); }
-  // After a daemon that was killed: everything of [light] and [led_driver] off. A sentence where that failed.
+  // Switches [light] and [led_driver] off after a daemon was killed. Returns a sentence if that failed.
   [[nodiscard]] static std::string lights_off(const BoardSettings& board);
-  // Where calibrations are kept: each gel has its own folder in `store`. Without a gel's EEPROM `store` itself.
+  // Folder of the calibrations: each gel has its own in `store`. Without a gel EEPROM it is `store` itself.
   [[nodiscard]] std::string store_folder(const std::string& store) const;
-  // Link thread, about once a second: a sentence where the gel is not the one of the start any more, or did not answer
-  // twice in a row; empty while all is well. Takes at most 60 ms, where the bus hangs.
-  [[nodiscard]] std::string lost();
+  // Link thread, about once a second: returns a sentence if the gel was exchanged since the start, or did not answer
+  // twice in a row; otherwise empty. Takes at most 60 ms if the bus hangs.
+  [[nodiscard]] std::string gel_fault();
 
   PadHardware(PadHardware&&) = default;
   PadHardware& operator=(PadHardware&&) = delete;
@@ -47,7 +47,7 @@ class PadHardware {
 
   std::unique_ptr<OutputLine> lamps_;
   std::unique_ptr<LedDriver> driver_;
-  std::string dark_;
+  std::string lamp_error_;
   std::unique_ptr<I2cBus> bus_;
   EepromSettings eeprom_;
   std::string board_serial_;

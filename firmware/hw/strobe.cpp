@@ -32,11 +32,11 @@ void StrobePlan::switched(uint64_t at_us, bool is_on) {
   ++n_switches_;
 }
 
-std::optional<bool> StrobePlan::during(uint64_t middle_us) const {
+std::optional<bool> StrobePlan::lamps_during(uint64_t middle_us) const {
   const uint64_t begin_us = middle_us - std::min(middle_us, exposure_us_ / 2);
   const uint64_t end_us = middle_us + period_us_ - exposure_us_ / 2 - 2 * guard_us_;
   const size_t n = std::min(n_switches_, switches_.size());
-  for (size_t i = 1; i <= n; ++i) {  // the newest first
+  for (size_t i = 1; i <= n; ++i) {  // newest first
     const Switch& one = switches_[(n_switches_ - i) % switches_.size()];
     if (one.at_us > end_us) continue;
     if (one.at_us > begin_us) return std::nullopt;
@@ -57,17 +57,17 @@ Strobe::~Strobe() {
   thread_.join();
 }
 
-std::optional<bool> Strobe::saw(uint64_t middle_us) {
+std::optional<bool> Strobe::record_frame(uint64_t middle_us) {
   const std::lock_guard lock(mutex_);
-  plan_.saw(middle_us);
+  plan_.record_frame(middle_us);
   changed_.notify_one();
-  return plan_.during(middle_us);
+  return plan_.lamps_during(middle_us);
 }
 
 void Strobe::loop() {
   bool is_on = true;
   std::unique_lock lock(mutex_);
-  uint64_t done_us = 0;  // a switch that is done is not done again when the pace shifts a little
+  uint64_t done_us = 0;  // prevents a repeated switch if the synchronization shifts slightly
   while (!is_ending_) {
     const std::optional<uint64_t> next_us = plan_.next_us(std::max(now_us(), done_us));
     if (!next_us) {
@@ -76,7 +76,7 @@ void Strobe::loop() {
     }
     const SteadyClock::time_point due{std::chrono::microseconds(*next_us)};
     changed_.wait_until(lock, due);
-    // Told of a frame, or to end. Not where it is due meanwhile: the plan asked again would name the switch after it.
+    // Woken by a new frame or the end. Not if the switch came due meanwhile: the plan would return the switch after it.
     if (is_ending_ || now_us() < *next_us) continue;
     if (line_.set(!is_on)) {
       is_on = !is_on;

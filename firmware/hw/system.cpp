@@ -44,7 +44,7 @@ void SystemRandom::fill(std::span<uint8_t> out) {
     if (n > 0) {
       out = out.subspan(static_cast<size_t>(n));
     } else if (errno != EINTR) {
-      std::abort();  // a kernel without it: nothing that follows could be trusted
+      std::abort();  // a kernel without it: no later result could be trusted
     }
   }
 }

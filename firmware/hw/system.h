@@ -1,4 +1,4 @@
-// Clock and randomness of Linux.
+// Clock and random numbers from Linux.
 #pragma once
 
 #include <atomic>
@@ -16,8 +16,8 @@ class SystemClock final : public Clock {
   [[nodiscard]] uint64_t now_us() const override;
 };
 
-// The time that another process keeps in the first 8 bytes of a file (microseconds, little endian), mapped: for tests,
-// in which a second takes as long as they want.
+// Time kept by another process in the first 8 bytes of a mapped file (microseconds, little endian): for tests that
+// control the passage of time.
 class FileClock final : public Clock {
  public:
   // Errors: kUnavailable (missing, unreadable, shorter than 8 bytes).
@@ -32,7 +32,7 @@ class FileClock final : public Clock {
 
 class SystemRandom final : public Random {
  public:
-  // Waits at boot until the kernel has enough of it.
+  // At boot, waits until the kernel has enough entropy.
   void fill(std::span<uint8_t> out) override;
 };
 

@@ -1,7 +1,7 @@
-// A thermometer of Linux: a file with one integer, thousandths of a degree Celsius.
+// A Linux thermometer: a file with one integer in thousandths of a degree Celsius.
 //
-// So are /sys/class/thermal/thermal_zone*/temp and /sys/class/hwmon/hwmon*/temp*_input. A read may wait for a bus:
-// never in the frame thread.
+// Examples are /sys/class/thermal/thermal_zone*/temp and /sys/class/hwmon/hwmon*/temp*_input. A read may wait for a
+// bus: not for the frame thread.
 #pragma once
 
 #include <cstdint>
@@ -15,10 +15,10 @@ namespace ruffini {
 
 class Thermometer final : public BoardIo {
  public:
-  // An empty path: none.
+  // An empty path: no thermometer.
   explicit Thermometer(std::string path) : path_(std::move(path)) {}
 
-  // Nothing where the file cannot be read, or holds no integer, or none from -100 to 300 degrees.
+  // Returns no value if the file cannot be read or holds no integer from -100 to 300 degrees.
   [[nodiscard]] std::optional<int32_t> milli_celsius() const override;
 
  private:

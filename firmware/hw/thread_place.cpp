@@ -30,8 +30,8 @@ uint64_t own_cpus() {
   return cpus;
 }
 
-// 0 or an errno. A thread that the service started as FIFO may not name its policy again (RestrictRealtime), but may
-// change its priority.
+// Returns 0 or an errno. A thread that the service started as FIFO may not set its policy again (RestrictRealtime), but
+// may change its priority.
 int set_priority(int priority) {
   if (::sched_getscheduler(0) == SCHED_FIFO) return pthread_setschedprio(pthread_self(), priority);
   sched_param wanted{};
@@ -61,7 +61,7 @@ std::string place_thread(const std::string& role, const ThreadSettings& wanted) 
     if (error != 0 && error != EINVAL) {
       tell(asked + " cannot be had (" + std::strerror(error) + "): allow sched_setaffinity in the service");
     } else if (own_cpus() != wanted.cpus) {
-      // The kernel takes those of a list that there are, or none.
+      // The kernel accepts the existing CPUs of a mask, or rejects a mask without any.
       tell(asked + ": this computer gives it " + list_of(own_cpus()) + " (before: " + list_of(before) +
            "): correct threads." + role + "_cpus in board.toml, or the cpuset of the service");
     }
@@ -76,9 +76,9 @@ std::string place_thread(const std::string& role, const ThreadSettings& wanted) 
   return problem;
 }
 
-std::string thread_placed() {
+std::string thread_placement() {
   sched_param now{};
-  // Of the kernel, not of the C library, which remembers what it was told; of one's own thread it does not fail.
+  // Asks the kernel, not the C library, which caches the values it set. Cannot fail for the calling thread.
   const int policy = ::sched_getscheduler(0);
   (void)::sched_getparam(0, &now);
   const std::string what = policy == SCHED_FIFO   ? "FIFO " + std::to_string(now.sched_priority)

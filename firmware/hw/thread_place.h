@@ -1,4 +1,4 @@
-// Where a thread runs, and what it goes before: [threads] of board.toml.
+// Scheduling priority and CPU affinity of a thread: [threads] of board.toml.
 #pragma once
 
 #include <string>
@@ -7,11 +7,12 @@
 
 namespace ruffini {
 
-// For the calling thread. What cannot be had is left as it is: returns sentences that say what and the remedy; empty
-// where all is as asked. A thread of SCHED_FIFO may be given less without any right, more with RLIMIT_RTPRIO.
+// Applies to the calling thread. A setting that is not permitted is left unchanged; the returned sentences state which,
+// and the remedy. Empty: everything was applied. A SCHED_FIFO thread may lower its priority without privileges, and
+// raise it with RLIMIT_RTPRIO.
 [[nodiscard]] std::string place_thread(const std::string& role, const ThreadSettings& wanted);
 
-// What the calling thread has, e.g. "FIFO 45 on CPU 2,3".
-[[nodiscard]] std::string thread_placed();
+// Current placement of the calling thread, e.g. "FIFO 45 on CPU 2,3".
+[[nodiscard]] std::string thread_placement();
 
 }  // namespace ruffini

@@ -1,9 +1,9 @@
-// What the computer says of its power and heat: a file with one hexadecimal number, as a Raspberry Pi has it.
+// Power and thermal state of the computer: a file with one hexadecimal number, as on a Raspberry Pi.
 //
-//   bit 0 power is short now, 1 its clock is held down, 2 it is throttled, 3 it is near its temperature limit;
-//   bits 16 to 19: the same has been so since it was started
+//   bit 0 under-voltage, 1 clock capped, 2 throttled, 3 near the temperature limit;
+//   bits 16 to 19: the same has occurred since boot
 //
-// /sys/devices/platform/soc/soc:firmware/get_throttled. Never in the frame thread: a read may ask another processor.
+// /sys/devices/platform/soc/soc:firmware/get_throttled. Not for the frame thread: a read may query another processor.
 #pragma once
 
 #include <cstdint>
@@ -14,10 +14,10 @@ namespace ruffini {
 
 class Throttling {
  public:
-  // An empty path: not asked.
+  // An empty path: not available.
   explicit Throttling(std::string path) : path_(std::move(path)) {}
 
-  // Nothing where the file cannot be read, or holds no such number.
+  // Returns no value if the file cannot be read or holds no such number.
   [[nodiscard]] std::optional<uint32_t> bits() const;
 
  private:

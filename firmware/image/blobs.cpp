@@ -56,7 +56,7 @@ void Blobs::add(std::span<const int16_t> weight, int y) {
   int left = -1;
   for (int x = 0; x < width_px_; ++x) {
     const auto at = static_cast<size_t>(x);
-    if (x % kZeroRun == 0) {  // most of a picture is nothing
+    if (x % kZeroRun == 0) {  // most weights are zero
       uint64_t several;
       std::memcpy(&several, &weight[at], sizeof several);
       if (several == 0) {

@@ -1,8 +1,9 @@
-// Connected spots of a picture that comes row by row as weights, zero outside: sums of each in a single pass.
+// Finds connected components in an image of weights that arrives row by row, and accumulates sums of each in a single
+// pass.
 //
-// Components are 4-connected. A label is a place in the list of components; a child points to its parent after a union,
-// and the smaller index stays, so that a component keeps the place of its first pixel. Frame thread; no allocation
-// after the constructor.
+// Components are 4-connected. A label is an index into the list of components. After a union the child points to its
+// parent, and the smaller index survives, so a component keeps the position of its first pixel. Frame thread; no
+// allocation after the constructor.
 #pragma once
 
 #include <cstdint>
@@ -24,16 +25,16 @@ struct Blob {
 
 class Blobs {
  public:
-  static constexpr int kZeroRun = 4;  // weights that are looked at together
+  static constexpr int kZeroRun = 4;  // weights tested together for zero
 
   Blobs(int width_px, int height_px);
 
   void start();
-  // Of rows of `row()`'s length, top to bottom; what lies beyond the width must be zero.
+  // Adds one row of row() weights; rows come from top to bottom, and values beyond the width must be zero.
   void add(std::span<const int16_t> weight, int y);
-  // Length of a row that add() takes: the width, rounded up.
+  // Length of a row passed to add(): the width, rounded up.
   [[nodiscard]] size_t row() const { return label_.size(); }
-  // All components that were ever begun; those whose parent is another were joined to it.
+  // All components created so far. Those whose parent is another component were merged into it.
   [[nodiscard]] std::span<const Blob> all() const { return {blobs_.data(), static_cast<size_t>(n_)}; }
 
  private:
@@ -43,7 +44,7 @@ class Blobs {
 
   int width_px_;
   int height_px_;
-  std::vector<int32_t> label_;  // of the row above, overwritten by the current one; -1 = none
+  std::vector<int32_t> label_;  // labels of the row above, overwritten by those of the current row; -1: none
   std::vector<Blob> blobs_;
   int n_ = 0;
 };

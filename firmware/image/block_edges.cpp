@@ -12,7 +12,7 @@ constexpr ptrdiff_t kChannels = 3;
 constexpr int kUnlimited = 8 * 255;
 constexpr int64_t kRatioPercent = 120;
 
-// Between the pixel at `at` and the one before it, over all channels.
+// Roughness between the pixel at `at` and the one before it, over all channels.
 int step(const uint8_t* at, int most) {
   int sum = 0;
   for (ptrdiff_t c = 0; c < kChannels; ++c) {
@@ -25,19 +25,19 @@ int step(const uint8_t* at, int most) {
 }  // namespace
 
 BlockEdges::BlockEdges(int width_px, int height_px) {
-  if (width_px < kLeastColumns || height_px < kRows) return;
+  if (width_px < kMinColumns || height_px < kRows) return;
   n_blocks_ = (width_px - 2) / kBlock;
   for (int i = 0; i < kRows; ++i) row_[static_cast<size_t>(i)] = (2 * i + 1) * height_px / (2 * kRows);
 }
 
-void BlockEdges::add(const FrameView& frame, int most_step, Sums& sums) const {
+void BlockEdges::add(const FrameView& frame, int max_step, Sums& sums) const {
   for (size_t i = 0; i < row_.size() && n_blocks_ > 0; ++i) {
     const uint8_t* block = frame.row(row_[i]);
     int at_edges = 0;
     int in_middles = 0;
     for (int k = 0; k < n_blocks_; ++k, block += kBlock * kChannels) {
-      in_middles += step(block + kBlock / 2 * kChannels, most_step);
-      at_edges += step(block + kBlock * kChannels, most_step);
+      in_middles += step(block + kBlock / 2 * kChannels, max_step);
+      at_edges += step(block + kBlock * kChannels, max_step);
     }
     sums.at_edges += at_edges;
     sums.in_middles += in_middles;
@@ -49,14 +49,14 @@ void BlockEdges::add_rest(const FrameView& frame) {
   if (rest_.at_edges == 0 && rest_.in_middles == 0) {
     Sums all;
     add(frame, kUnlimited, all);
-    most_step_ = static_cast<int>((all.at_edges + all.in_middles) / (kChannels * kRows * n_blocks_));
+    max_step_ = static_cast<int>((all.at_edges + all.in_middles) / (kChannels * kRows * n_blocks_));
   }
-  add(frame, most_step_, rest_);
+  add(frame, max_step_, rest_);
 }
 
 bool BlockEdges::run(const FrameView& frame) {
   Sums now;
-  add(frame, most_step_, now);
+  add(frame, max_step_, now);
   return 100 * now.at_edges * rest_.in_middles > kRatioPercent * rest_.at_edges * now.in_middles;
 }
 

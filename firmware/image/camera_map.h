@@ -1,12 +1,13 @@
-// Where every pixel's ray meets the pad: lens, mounting, refraction and mirror in one table that the host computes.
+// Maps every pixel to the ray that meets the pad: lens, mounting, refraction and mirror in one table computed by the
+// host.
 //
-//   a point of the deformed surface at height z that is seen at pixel p lies at   X = A(p) + S(p) z
+//   a surface point at height z that is seen at pixel p is at   X = A(p) + S(p) z
 //
-// Through a clear gel with a flat back the ray inside it is straight, so this is exact for pinhole, fisheye, a camera
-// mounted askew and a plane mirror alike (image/ray_table.h).
+// Inside a clear gel with a flat back the ray is straight, so the map is exact for pinhole and fisheye lenses, tilted
+// cameras and plane mirrors alike (image/ray_table.h).
 //
-// Depth is computed in the view of an ideal pinhole above the pad's centre, of the board's scale and principal point
-// (focal length and distance grow together with the refraction); image/slope_rectifier.h brings the slopes there.
+// Depth is computed in the view of an ideal pinhole above the pad's centre, with the board's scale and principal point
+// (refraction scales focal length and distance together); image/slope_rectifier.h converts the slopes to that view.
 // Frame thread; no allocation after load().
 #pragma once
 
@@ -19,7 +20,7 @@
 
 namespace ruffini {
 
-// The board with the ideal pinhole of kind `camera` as its camera. Errors: kBadInput.
+// Returns the board with the ideal pinhole of kind `camera` as its camera. Errors: kBadInput.
 [[nodiscard]] Result<BoardSettings> pinhole_board(const Calibration& calibration, const BoardSettings& board);
 
 class CameraMap {
@@ -27,10 +28,10 @@ class CameraMap {
   // Kind `camera` of proto/CALIBRATION.md. Errors: kBadInput.
   [[nodiscard]] static Result<CameraMap> load(const Calibration& calibration, const BoardSettings& board);
 
-  // The ray through an image place, pixels; the border's beyond the image.
+  // Returns the ray through an image position in pixels; outside the image, that of the border.
   [[nodiscard]] PadRay at(int64_t px_x_q16, int64_t px_y_q16) const { return rays_.at(px_x_q16, px_y_q16); }
 
-  // The board with the ideal pinhole as its camera: what depth and nodes are computed with.
+  // The board with the ideal pinhole as its camera: the geometry that depth and nodes use.
   [[nodiscard]] const BoardSettings& ideal_board() const { return ideal_; }
 
  private:

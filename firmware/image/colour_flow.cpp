@@ -11,18 +11,18 @@ using flow_kernel::kArea;
 using flow_kernel::kSide;
 
 constexpr size_t kNuisances = 6;
-constexpr int kGradientFraction = 4;   // of gradients while nuisances are taken out
-constexpr int kSumFraction = 4;        // of sum h g^T: nine blocks stay below 2^32, 2^28 in this
-constexpr int64_t kMinContrast = 36;   // as of grey (flow_templates.cpp), in that
+constexpr int kGradientFraction = 4;   // of gradients while nuisances are removed
+constexpr int kSumFraction = 4;        // of sum h g^T: with it nine blocks stay below 2^32 and 2^28
+constexpr int64_t kMinContrast = 36;   // as for grey (flow_templates.cpp), in the same format
 constexpr int64_t kMaxStep = 1 << 16;  // Q16 px
 constexpr int kHalfHeight = 11;
-constexpr int kReach = 22;  // rows that are sampled: 7 x 3 + 1
+constexpr int kReach = 22;  // rows sampled: 7 x 3 + 1
 
 }  // namespace
 
 ColourFlow::ColourFlow(GridSize image, size_t n_patches)
     : image_(image),
-      kernel_(flow_kernel::best()),
+      kernel_(flow_kernel::fastest_supported()),
       row_(size_t{3} * kColours * static_cast<size_t>(image.n_x)),
       patch_(n_patches),
       h_(n_patches * kColours * 2 * kSamples),
@@ -34,9 +34,10 @@ GreyView ColourFlow::view(size_t colour) const {
   return {picture_[colour].data(), image_.n_x, image_.n_y, 1, image_.n_x};
 }
 
-// Levels times 2^unit_shift / 16 to Q4; along x three rows ahead, borders repeated.
+// Converts levels times 2^unit_shift / 16 to Q4 and smooths them. The smoothing along x is three rows ahead; borders
+// are repeated.
 template <typename Level>
-void ColourFlow::see(const Level* pixels, ptrdiff_t stride, int unit_shift) {
+void ColourFlow::smooth(const Level* pixels, ptrdiff_t stride, int unit_shift) {
   const auto n = static_cast<ptrdiff_t>(kColours) * image_.n_x;
   constexpr auto step = static_cast<ptrdiff_t>(kColours);
   const auto row_of = [&](int y) { return row_.data() + (y % 3) * n; };
@@ -70,7 +71,7 @@ void ColourFlow::see(const Level* pixels, ptrdiff_t stride, int unit_shift) {
 }
 
 void ColourFlow::learn(std::span<const uint16_t> rest, std::span<const FlowVector> places) {
-  see(rest.data(), static_cast<ptrdiff_t>(kColours) * image_.n_x, kSumFraction);
+  smooth(rest.data(), static_cast<ptrdiff_t>(kColours) * image_.n_x, kSumFraction);
   for (size_t i = 0; i < patch_.size(); ++i) learn_patch(i, places[i]);
 }
 
@@ -86,7 +87,7 @@ void ColourFlow::sample(const Patch& patch, size_t colour, Samples& out) const {
   }
 }
 
-void ColourFlow::blind_to(const Patch& patch, const FlowVector& place, const Samples& samples) {
+void ColourFlow::add_nuisances(const Patch& patch, const FlowVector& place, const Samples& samples) {
   std::array<int32_t, kSamples> v{};
   nuisances_.clear();
   v.fill(1);
@@ -117,7 +118,7 @@ void ColourFlow::learn_patch(size_t number, const FlowVector& place) {
   for (size_t colour = 0; colour < kColours; ++colour) {
     Samples samples;
     sample(patch, colour, samples);
-    blind_to(patch, place, samples);
+    add_nuisances(patch, place, samples);
     int16_t* h = gradient(number, colour);
     for (size_t axis = 0; axis < 2; ++axis) {
       std::array<int32_t, kSamples> free = axis == 0 ? samples.g_x : samples.g_y;
@@ -147,7 +148,7 @@ bool ColourFlow::is_inside(int64_t x_q16, int64_t y_q16) const {
 
 void ColourFlow::step(const FrameView& frame, std::span<FlowVector> u, std::span<uint8_t> is_cut,
                       std::span<uint8_t> quality) {
-  see(frame.data, frame.stride, 0);
+  smooth(frame.data, frame.stride, 0);
   for (size_t number = 0; number < patch_.size(); ++number) {
     const Patch& patch = patch_[number];
     const int64_t at_x = (int64_t{patch.x} << 16) + u[number].x_q16;
@@ -171,7 +172,7 @@ void ColourFlow::step(const FrameView& frame, std::span<FlowVector> u, std::span
     };
     u[number].x_q16 -= static_cast<int32_t>(way(k[0], k[1]));
     u[number].y_q16 -= static_cast<int32_t>(way(k[2], k[3]));
-    // 255 / (1 + e^2) with two thirds of the error e.
+    // 255 / (1 + e^2) for two thirds of the error e.
     const int q = quality[number];
     quality[number] = static_cast<uint8_t>(255 * 9 * q / (5 * q + 4 * 255));
   }

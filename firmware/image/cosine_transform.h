@@ -1,15 +1,15 @@
-// Cosine transforms of length n, of as many rows at once as there are lanes.
+// Cosine transforms of length n, processing as many rows at once as there are lanes.
 //
 //   forward   X_k = sum_i x_i cos(pi k (2 i + 1) / (2 n))          (type II)
 //   inverse   x_i = sum_k X_k cos(pi k (2 i + 1) / (2 n))          (type III; scaling is the caller's)
 //
-// An even n is split: sums and differences of mirrored places give II(n) = II(n/2) and IV(n/2), interleaved, and
-// III(n) likewise; a type IV of even length m is m/2 rotations by pi (2 i + 1) / (4 m), two II(m/2) and m/2 - 1 sums
-// and differences. Odd lengths, the leaves, are plain sums of products. Coefficients in Q30; one rounding, half up,
-// behind each rotation and each leaf.
+// An even n is split: sums and differences of mirrored positions give II(n) = II(n/2) and IV(n/2), interleaved; III(n)
+// likewise. A type IV of even length m is m/2 rotations by pi (2 i + 1) / (4 m), two II(m/2) and m/2 - 1 sums and
+// differences. Odd lengths, the leaves, are plain sums of products. Coefficients are Q30; each rotation and each leaf
+// rounds once, half up.
 //
-// Bound: every value on the way is a sum of inputs with coefficients within +-1, each input at most once, so that
-// n max|input| + n <= 2^30 keeps all values within 31 bits and all sums of products within 62.
+// Bound: every intermediate value is a sum of inputs with coefficients within +-1, each input at most once. So n
+// max|input| + n <= 2^30 keeps all values within 31 bits and all sums of products within 62.
 #pragma once
 
 #include <cstddef>
@@ -22,7 +22,7 @@ class CosineTables {
  public:
   explicit CosineTables(int n);
 
-  struct Rotation {  // u = c a + s b; w = +-(c b - s a), minus at odd places
+  struct Rotation {  // u = c a + s b; w = +-(c b - s a), negative at odd positions
     int32_t c = 0;
     int32_t s = 0;
     int32_t w_a = 0;
@@ -32,9 +32,9 @@ class CosineTables {
   [[nodiscard]] int length(size_t level) const { return n_ >> level; }
   [[nodiscard]] int leaf_length() const { return leaf_n_; }
   [[nodiscard]] bool is_leaf(size_t level) const { return level == rotation_.size(); }
-  // Of the type IV of length n >> level, which is even.
+  // Rotations of the type IV of length n >> level, which is even.
   [[nodiscard]] const Rotation* rotation(size_t level) const { return rotation_[level].data(); }
-  // Row k of the leaf's type II and of its type IV.
+  // Row k of the leaf's type II and type IV.
   [[nodiscard]] const int32_t* leaf_ii(int k) const { return &leaf_ii_[static_cast<size_t>(k * leaf_n_)]; }
   [[nodiscard]] const int32_t* leaf_iv(int k) const { return &leaf_iv_[static_cast<size_t>(k * leaf_n_)]; }
   // Column i of the type II, which is row i of the type III.
@@ -43,7 +43,7 @@ class CosineTables {
  private:
   int n_;
   int leaf_n_;
-  std::vector<std::vector<Rotation>> rotation_;  // per level that is not the leaf
+  std::vector<std::vector<Rotation>> rotation_;  // for each level that is not the leaf
   std::vector<int32_t> leaf_ii_;
   std::vector<int32_t> leaf_iii_;
   std::vector<int32_t> leaf_iv_;
@@ -54,7 +54,7 @@ class CosineTransform {
  public:
   using V = typename L::V;
 
-  // `work`: 3 n vectors for each of the two transforms below. In, out and work do not overlap.
+  // `work`: 3 n vectors for each of the two transforms below. In, out and work must not overlap.
   explicit CosineTransform(const CosineTables& tables) : tables_(tables) {}
 
   void forward(const V* in, V* out, V* work) const { type_ii(0, in, out, 1, work); }
@@ -63,10 +63,10 @@ class CosineTransform {
  private:
   static constexpr int kFraction = 30;
 
-  // Outputs, `stride` apart, of inputs, `in_stride` apart; row(k): the k-th row of coefficients.
+  // Computes the outputs, `stride` apart, from inputs `in_stride` apart. row(k): the k-th row of coefficients.
   template <typename Row>
   void leaf(const V* in, int in_stride, V* out, int stride, Row row) const {
-    switch (tables_.leaf_length()) {  // the usual ones unrolled
+    switch (tables_.leaf_length()) {  // common lengths are unrolled
       case 3:
         return sums_of_products<3>(in, in_stride, out, stride, row);
       case 5:
@@ -114,7 +114,7 @@ class CosineTransform {
     }
   }
 
-  // Its own transpose: serves both directions.
+  // A type IV is its own transpose, so it serves both directions.
   void type_iv(size_t level, const V* in, int in_stride, V* out, int stride, V* work) const {
     if (tables_.is_leaf(level)) {
       return leaf(in, in_stride, out, stride, [&](int k) { return tables_.leaf_iv(k); });
@@ -138,7 +138,7 @@ class CosineTransform {
       out[2 * k * stride] = L::add(u[k], w[half - k]);
       out[(2 * k - 1) * stride] = L::sub(u[k], w[half - k]);
     }
-    out[(m - 1) * stride] = L::sub(L::same(0), w[0]);
+    out[(m - 1) * stride] = L::sub(L::broadcast(0), w[0]);
   }
 
   const CosineTables& tables_;

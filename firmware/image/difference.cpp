@@ -45,7 +45,7 @@ ExposureCounts difference(DifferenceRun run, const FrameView& frame, const Rest&
 
 ExposureCounts difference(const FrameView& frame, const Rest& rest, std::span<RelativeChange> change,
                           std::span<uint16_t> grey) {
-  return difference(kernels::best().difference, frame, rest, change, grey);
+  return difference(kernels::fastest_supported().difference, frame, rest, change, grey);
 }
 
 }  // namespace ruffini

@@ -1,4 +1,4 @@
-// A row of difference.h on AVX2, sixteen pixels at a time.
+// AVX2 version of a row of difference.h, sixteen pixels at a time.
 #pragma once
 
 #include <immintrin.h>
@@ -7,7 +7,7 @@
 
 namespace ruffini {
 
-// Every third byte of 48, from byte `c` on.
+// Gathers every third byte of 48, starting at byte `c`.
 inline __m128i every_third(const __m128i* bytes, int c) {
   alignas(16) static constexpr int8_t kPick[3][3][16] = {
       {{0, 3, 6, 9, 12, 15, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1},

@@ -1,4 +1,4 @@
-// A row of difference.h on NEON, eight pixels at a time.
+// NEON version of a row of difference.h, eight pixels at a time.
 #pragma once
 
 #include "image/difference.h"

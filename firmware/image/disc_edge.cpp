@@ -12,7 +12,8 @@ namespace {
 constexpr int kEnd = 3;             // pixels of a ray's dark and bright ends
 constexpr int64_t kStepQ12 = 2048;  // half a pixel
 constexpr int kTaps = 2;            // of the filter, to each side
-constexpr int kMargin = 28;         // of the patch: the first turn's rays, and as much for what it finds
+// Of the patch: reach of the first pass's rays, plus the same for the correction of the centre
+constexpr int kMargin = 28;
 constexpr int64_t kPiQ10 = 3'217;
 
 template <typename T>
@@ -36,7 +37,7 @@ DiscEdge::DiscEdge(int width_px, int height_px, int radius_px)
   }
 }
 
-// The patch round a pixel.
+// Smooths the patch around a pixel.
 void DiscEdge::smooth(std::span<const uint16_t> grey, int middle_x, int middle_y) {
   left_px_ = middle_x - side_px_ / 2;
   top_px_ = middle_y - side_px_ / 2;
@@ -61,8 +62,8 @@ void DiscEdge::smooth(std::span<const uint16_t> grey, int middle_x, int middle_y
   }
 }
 
-// Whether the bilinear pixels of a place on a ray lie in the picture and in the patch.
-bool DiscEdge::is_inside(const DiscSight& from, size_t ray, int64_t r_q12) const {
+// True if the four pixels around a position on a ray are in the picture and in the patch.
+bool DiscEdge::is_inside(const DiscMeasurement& from, size_t ray, int64_t r_q12) const {
   const int64_t x = (from.x_q16 + (r_q12 * direction_q14_[ray][0] >> 10)) >> 16;
   const int64_t y = (from.y_q16 + (r_q12 * direction_q14_[ray][1] >> 10)) >> 16;
   const auto is_in = [](int64_t at, int64_t first, int64_t n) { return at >= first && at < first + n - 1; };
@@ -71,7 +72,7 @@ bool DiscEdge::is_inside(const DiscSight& from, size_t ray, int64_t r_q12) const
 }
 
 // Bilinear grey, Q8.
-int64_t DiscEdge::sample(const DiscSight& from, size_t ray, int64_t r_q12) const {
+int64_t DiscEdge::sample(const DiscMeasurement& from, size_t ray, int64_t r_q12) const {
   const int64_t x = from.x_q16 + (r_q12 * direction_q14_[ray][0] >> 10) - (int64_t{left_px_} << 16);
   const int64_t y = from.y_q16 + (r_q12 * direction_q14_[ray][1] >> 10) - (int64_t{top_px_} << 16);
   const auto fx = static_cast<int32_t>(x >> 8 & 255);
@@ -82,7 +83,7 @@ int64_t DiscEdge::sample(const DiscSight& from, size_t ray, int64_t r_q12) const
   return (upper * (256 - fy) + int64_t{lower} * fy) >> 8;
 }
 
-DiscEdge::Edge DiscEdge::edge(const DiscSight& from, const Turn& turn, size_t ray) const {
+DiscEdge::Edge DiscEdge::edge(const DiscMeasurement& from, const Turn& turn, size_t ray) const {
   const auto px = [](int64_t n) { return n << 12; };
   const int64_t outer = from.radius_q12 + px(turn.far_px);
   const int64_t inner = from.radius_q12 - px(turn.far_px);
@@ -107,7 +108,7 @@ DiscEdge::Edge DiscEdge::edge(const DiscSight& from, const Turn& turn, size_t ra
   return {};
 }
 
-DiscSight DiscEdge::measure(const DiscSight& from, const Turn& turn) const {
+DiscMeasurement DiscEdge::measure(const DiscMeasurement& from, const Turn& turn) const {
   const size_t n = kRays / turn.every;
   std::array<int64_t, kRays> r;
   int64_t n_seen = 0;
@@ -121,7 +122,7 @@ DiscSight DiscEdge::measure(const DiscSight& from, const Turn& turn) const {
     sum += found.r_q12;
     bright += found.bright;
   }
-  DiscSight out = from;
+  DiscMeasurement out = from;
   out.is_seen = 4 * n_seen >= 3 * static_cast<int64_t>(n);
   if (!out.is_seen) return out;
   out.radius_q12 = floor_div(2 * sum + n_seen, 2 * n_seen);
@@ -142,11 +143,11 @@ DiscSight DiscEdge::measure(const DiscSight& from, const Turn& turn) const {
   return out;
 }
 
-DiscSight DiscEdge::look(std::span<const uint16_t> grey, const DiscSight& about) {
+DiscMeasurement DiscEdge::locate(std::span<const uint16_t> grey, const DiscMeasurement& about) {
   constexpr Turn kFind = {.every = 4, .far_px = 12, .near_px = 9};
   constexpr Turn kMeasure = {.every = 1, .far_px = 8, .near_px = 5};
   smooth(grey, static_cast<int>(round_shift(about.x_q16, 16)), static_cast<int>(round_shift(about.y_q16, 16)));
-  const DiscSight found = measure(about, kFind);
+  const DiscMeasurement found = measure(about, kFind);
   return found.is_seen ? measure(found, kMeasure) : found;
 }
 

@@ -1,14 +1,14 @@
-// Centre and area of a dark disc whose middle is roughly known, from where rays out of it cross its edge.
+// Measures centre and area of a dark disc whose centre is roughly known, from the points where rays cross its edge.
 //
-//   smooth   (1 4 6 4 1) / 16 along x, then along y, half up each, round the disc; what is beyond the border repeats it
-//   ray      grey at its dark end (three pixels from r - far outwards) and its bright end (three from r + far inwards):
-//            no edge where dark is not below half of bright; else where grey first crosses their mean, from r - near to
-//            r + near in steps of 1/2 px, bilinear in the picture, linear between the steps
-//   centre   middle + (2 / n) sum r (cos, sin);   area  (pi / n) sum r^2     exact for a circle, seen from any point in it
+//   smooth   (1 4 6 4 1) / 16 along x, then along y, half up each, around the disc; the border is repeated
+//   ray      mean grey at its dark end (three pixels from r - far outwards) and its bright end (three from r + far
+//            inwards). No edge unless dark is below half of bright; else the first crossing of their mean between r -
+//            near and r + near, in steps of 1/2 px, bilinear in the picture, linear between the steps
+//   centre   start + (2 / n) sum r (cos, sin);   area  (pi / n) sum r^2     exact for a circle, from any inner point
 //
-// Two turns: 32 rays from where the disc is thought to be, 128 from where those put it. The level belongs to the ray: a
-// dent or a lamp beside the disc moves no edge. A ray that leaves the picture or shows no edge takes the mean of the others;
-// with fewer than 3/4 of the rays the disc is not seen. Frame thread; no allocation after the constructor.
+// Two passes: 32 rays from the expected centre, then 128 rays from the result. Each ray has its own threshold, so a
+// dent or a lamp beside the disc moves no edge. A ray that leaves the picture or finds no edge takes the mean of the
+// others; with fewer than 3/4 of the rays the disc is not seen. Frame thread; no allocation after the constructor.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 namespace ruffini {
 
-struct DiscSight {
+struct DiscMeasurement {
   int64_t x_q16 = 0;  // px
   int64_t y_q16 = 0;
   int64_t radius_q12 = 0;  // px, mean of the rays
@@ -29,18 +29,18 @@ struct DiscSight {
 
 class DiscEdge {
  public:
-  static constexpr int kMinRadiusPx = 16;  // so that a ray's dark end lies in the disc
+  static constexpr int kMinRadiusPx = 16;  // keeps a ray's dark end inside the disc
   static constexpr int kMaxRadiusPx = 200;
 
   // For discs of about this radius, in pictures of this size.
   DiscEdge(int width_px, int height_px, int radius_px);
 
-  // Precondition: `about` lies in the picture.
-  [[nodiscard]] DiscSight look(std::span<const uint16_t> grey, const DiscSight& about);
+  // Measures the disc near `about`. Precondition: `about` is in the picture.
+  [[nodiscard]] DiscMeasurement locate(std::span<const uint16_t> grey, const DiscMeasurement& about);
 
  private:
   static constexpr size_t kRays = 128;
-  // One turn: every how many-th ray, and how far from the expected radius its ends and its steps reach, px.
+  // One pass: uses every n-th ray; reach of its ends and of its search around the expected radius, px.
   struct Turn {
     size_t every = 1;
     int far_px = 0;
@@ -52,17 +52,17 @@ class DiscEdge {
   };
 
   void smooth(std::span<const uint16_t> grey, int middle_x, int middle_y);
-  [[nodiscard]] DiscSight measure(const DiscSight& from, const Turn& turn) const;
-  [[nodiscard]] Edge edge(const DiscSight& from, const Turn& turn, size_t ray) const;
-  [[nodiscard]] int64_t sample(const DiscSight& from, size_t ray, int64_t r_q12) const;
-  [[nodiscard]] bool is_inside(const DiscSight& from, size_t ray, int64_t r_q12) const;
+  [[nodiscard]] DiscMeasurement measure(const DiscMeasurement& from, const Turn& turn) const;
+  [[nodiscard]] Edge edge(const DiscMeasurement& from, const Turn& turn, size_t ray) const;
+  [[nodiscard]] int64_t sample(const DiscMeasurement& from, size_t ray, int64_t r_q12) const;
+  [[nodiscard]] bool is_inside(const DiscMeasurement& from, size_t ray, int64_t r_q12) const;
 
   int width_px_;
   int height_px_;
-  int side_px_;      // of the patch
-  int left_px_ = 0;  // where it lies
+  int side_px_;      // side of the patch
+  int left_px_ = 0;  // its position
   int top_px_ = 0;
-  std::vector<uint16_t> row_;    // one row of the picture, with what it repeats
+  std::vector<uint16_t> row_;    // one row of the picture, with repeated borders
   std::vector<uint16_t> along_;  // smoothed along x
   std::vector<uint16_t> patch_;
   std::array<std::array<int32_t, 2>, kRays> direction_q14_{};

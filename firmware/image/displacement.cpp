@@ -37,12 +37,12 @@ void Displacement::learn(std::span<const Marker> markers) {
   nodes_.learn(rest_q3_, markers);
 }
 
-// length / f: from px um in Q19 to micrometres in Q3.
+// Converts length / f from px um in Q19 to micrometres in Q3.
 int64_t Displacement::to_pad_q3(int64_t length_um_px_q19) const {
   return round_shift(round_shift(length_um_px_q19, 10) * inverse_focal_q32_, 38);
 }
 
-// Bilinear reading at an image position, micrometres Q3; beyond the grid the border's value.
+// Reads depth bilinearly at an image position, micrometres Q3; beyond the grid the border's value.
 int64_t Displacement::read_depth(std::span<const DisplacementUm> depth, int64_t px_x_q16, int64_t px_y_q16) const {
   if (depth.empty()) return 0;
   const auto cell = [&](int64_t px_q16, int n) {
@@ -103,7 +103,8 @@ void Displacement::markers_to_pad(std::span<const Marker> markers, std::span<con
   }
 }
 
-// Lost markers, and those found wrong: u_x and u_y as smooth as their neighbours allow. u_z stays as read.
+// Replaces u_x and u_y of lost markers and outliers by the smoothest continuation of their neighbours. u_z is
+// unchanged.
 void Displacement::repair(std::span<const Marker> markers, SaturationCounter& saturations) {
   if (!repair_) return;
   for (size_t i = 0; i < markers.size(); ++i) {

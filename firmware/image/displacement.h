@@ -1,14 +1,13 @@
-// Markers and depth -> displacement of the nodes, in the pad's frame, micrometres.
+// Computes the displacement of the nodes in the pad's frame, in micrometres, from markers and depth.
 //
-//   marker:  u = [(p - p_0) H + (p - c) u_z] / f, u_z = depth read where the marker is now (bilinear)
-//            with a camera map (image/camera_map.h): u = A(p) + S(p) u_z - A(p_0), u_z read where an ideal pinhole sees A(p)
-//   lattice: markers that contradict their neighbours are found, and these and the lost ones filled smoothly
-//            (image/field_repair.h)
+//   marker:  u = [(p - p_0) H + (p - c) u_z] / f, u_z = depth at the marker's current position (bilinear)
+//            with a camera map (image/camera_map.h): u = A(p) + S(p) u_z - A(p_0), u_z at A(p) in the ideal pinhole's view
+//   lattice: outliers among neighbours are found; they and the lost markers are filled smoothly (image/field_repair.h)
 //   markers -> nodes: image/marker_interpolation.h
-//   node:    u_z = depth read at p = c + f (X + u_xy) / (H + u_z), two rounds
+//   node:    u_z = depth at p = c + f (X + u_xy) / (H + u_z), two rounds
 //
-// Markers are Lagrangian and depth Eulerian: both readings are at the deformed place. Not in the paper.
-// Frame thread; no allocation after the constructor.
+// Markers are Lagrangian and depth is Eulerian: both are read at the deformed position. Not in the paper. Frame thread;
+// no allocation after the constructor.
 #pragma once
 
 #include <cstdint>
@@ -33,17 +32,18 @@ struct NodeDisplacement {
 
 class Displacement {
  public:
-  // `map` outlives this; null where the board's own camera is an ideal pinhole. Then `board` is the map's ideal one.
+  // `map` must outlive this object; null if the board's own camera is an ideal pinhole. With a map, `board` is its
+  // ideal board.
   explicit Displacement(const BoardSettings& board, const CameraMap* map = nullptr);
 
-  // Place the nodes among the markers at rest. Before the first run(), and when rest changes.
+  // Computes the weights of the markers at each node. Call it before the first run() and when the rest image changes.
   void learn(std::span<const Marker> markers);
 
-  // `depth` on the depth grid, or empty where depth is not measured (u_z = 0).
+  // `depth`: on the depth grid, or empty if depth is not measured (u_z = 0).
   void run(std::span<const Marker> markers, std::span<const DisplacementUm> depth, std::span<NodeDisplacement> out,
            SaturationCounter& saturations);
 
-  // 1 for each node that is filled, else 0; of markers as the last run() took them, its outliers included.
+  // Sets 1 for each filled node, else 0, for the markers and outliers of the last run().
   void mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled);
 
   [[nodiscard]] GridSize nodes() const { return nodes_.nodes(); }
@@ -53,7 +53,7 @@ class Displacement {
   [[nodiscard]] NodeDisplacement at_node(size_t node, std::span<const DisplacementUm> depth,
                                          SaturationCounter& saturations) const;
 
-  // What a marker's place in the image says: from the pad's centre, and depth there.
+  // Position of a marker relative to the pad's centre, and its displacement.
   [[nodiscard]] PadPoint rest_place(const Marker& marker) const;
   [[nodiscard]] NodeDisplacement by_pinhole(const Marker& marker, std::span<const DisplacementUm> depth,
                                             SaturationCounter& saturations) const;
@@ -73,12 +73,12 @@ class Displacement {
   int64_t center_y_q16_;
   int64_t inverse_focal_q32_;          // 1 / px
   int64_t um_to_px_q32_;               // at z = 0
-  std::vector<PadPoint> rest_q3_;      // of each marker, from the pad's centre, micrometres
-  std::vector<PadPoint> rest_ray_q8_;  // the same by the camera map
+  std::vector<PadPoint> rest_q3_;      // of each marker, relative to the pad's centre, micrometres
+  std::vector<PadPoint> rest_ray_q8_;  // the same for the camera map
   std::vector<NodeDisplacement> marker_u_;
   int32_t least_outlier_q3_;
-  std::optional<FieldRepair> repair_;  // of a lattice
-  std::vector<FieldValue> shear_;      // of each marker, 1/8 um; z not used
+  std::optional<FieldRepair> repair_;  // of a lattice; none for scattered markers
+  std::vector<FieldValue> shear_;      // of each marker, 1/8 um; z is unused
   std::vector<uint8_t> is_missing_;
 };
 

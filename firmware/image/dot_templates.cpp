@@ -8,12 +8,12 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kMinContrast = 576;     // squared Q4 gradient per pixel: 1.5 grey levels a pixel
+constexpr int64_t kMinContrast = 576;     // squared Q4 gradient per pixel: 1.5 grey levels per pixel
 constexpr int64_t kMaxStep = 1 << 16;     // Q16 px
 constexpr int64_t kMaxInverse = 1 << 30;  // K times two sums below 2^31 stays below 2^62
 constexpr int64_t kMaxGradient = 2'047;
-constexpr int64_t kLeastError2 = 7;    // (0.01 px)^2, Q16
-constexpr int64_t kCentreError2 = 41;  // (0.025 px)^2: of the weighted centre alone
+constexpr int64_t kMinError2 = 7;      // (0.01 px)^2, Q16
+constexpr int64_t kCentreError2 = 41;  // (0.025 px)^2: error of the weighted centre alone
 
 int64_t luma(int64_t b, int64_t g, int64_t r) { return 117 * b + 601 * g + 306 * r; }
 int64_t div_round(int64_t a, int64_t n) { return floor_div(2 * a + n, 2 * n); }
@@ -24,7 +24,7 @@ int64_t product(const std::vector<int64_t>& a, const std::vector<int64_t>& b) {
   return sum;
 }
 
-// Takes out of `from` what `base` explains of it.
+// Subtracts from `from` its projection on `base`.
 void free_of(const std::vector<int64_t>& base, std::vector<int64_t>& from) {
   const int64_t share_q16 = floor_div(product(from, base) * 65'536, std::max<int64_t>(product(base, base), 1));
   for (size_t i = 0; i < from.size(); ++i) from[i] -= round_shift(base[i] * share_q16, 16);
@@ -38,7 +38,8 @@ DotTemplates::DotTemplates(const BoardSettings& board)
     : width_px_(board.camera.width_px), height_px_(board.camera.height_px) {
   const int64_t radius_q16 =
       floor_div(board.markers.diameter_um * board.camera.focal_mpx * 32'768, board.camera.standoff_um * 1'000);
-  radius_px_ = static_cast<int>((radius_q16 + 2 * 65'536) >> 16);  // half a pixel more than the nearest whole number
+  // Half a pixel more, rounded to the nearest whole number
+  radius_px_ = static_cast<int>((radius_q16 + 2 * 65'536) >> 16);
   if (radius_px_ > kMaxRadiusPx) radius_px_ = 0;
   for (int y = -radius_px_; y <= radius_px_ && radius_px_ > 0; ++y) {
     for (int x = -radius_px_; x <= radius_px_; ++x) {
@@ -99,7 +100,7 @@ void DotTemplates::learn_one(std::span<const uint16_t> rest, const Marker& marke
     one.tt += above * above;
     one.t_sum += above;
   }
-  blind(number);
+  remove_nuisances(number);
   const int32_t* h = h_.data() + 2 * n * number;
   invert(one, gradient_[0], gradient_[1], h);
   for (size_t i = 0; i < n; ++i) {
@@ -108,8 +109,8 @@ void DotTemplates::learn_one(std::span<const uint16_t> rest, const Marker& marke
   }
 }
 
-// h of both axes.
-void DotTemplates::blind(size_t number) {
+// Computes h of both axes.
+void DotTemplates::remove_nuisances(size_t number) {
   for (size_t k = 1; k < nuisance_.size(); ++k) {
     for (size_t j = 0; j < k; ++j) free_of(nuisance_[j], nuisance_[k]);
   }
@@ -123,7 +124,7 @@ void DotTemplates::blind(size_t number) {
   }
 }
 
-// K in an own scale, so that the larger of determinant and entry keeps 30 bits.
+// Computes K with its own scale, so that the larger of determinant and entry keeps 30 bits.
 void DotTemplates::invert(Template& one, const Values& gx, const Values& gy, const int32_t* h) const {
   const size_t n = pixels_.size();
   int64_t xx = 0, xy = 0, yx = 0, yy = 0;
@@ -143,8 +144,8 @@ void DotTemplates::invert(Template& one, const Values& gx, const Values& gy, con
   if (fits) one.shift = 33 + b - 16;
 }
 
-// Luma, Q4, of the window whose first pixel is (x, y).
-void DotTemplates::see(const FrameView& frame, int x, int y) {
+// Reads the luma, Q4, of the window that begins at (x, y).
+void DotTemplates::read_window(const FrameView& frame, int x, int y) {
   const int side = 2 * radius_px_ + 2;
   int32_t* out = window_.data();
   for (int v = 0; v < side; ++v) {
@@ -170,7 +171,7 @@ void DotTemplates::refine_one(const FrameView& frame, size_t number, Marker& mar
   const auto x = static_cast<int>(x_q16 >> 16);
   const auto y = static_cast<int>(y_q16 >> 16);
   if (x < 0 || y < 0 || x + side > width_px_ || y + side > height_px_) return;
-  see(frame, x, y);
+  read_window(frame, x, y);
   const int64_t fx = (x_q16 & 0xFFFF) >> 1;
   const int64_t fy = (y_q16 & 0xFFFF) >> 1;
   const int32_t* h = h_.data() + 2 * n * number;
@@ -190,7 +191,7 @@ void DotTemplates::refine_one(const FrameView& frame, size_t number, Marker& mar
   };
   const int64_t step_x = step(0);
   const int64_t step_y = step(2);
-  // 2^18 a pixel at most each; a quarter of a grey level squared lost per pixel, then all products below 2^63.
+  // At most 2^18 per pixel each; dropping a quarter of a squared grey level per pixel keeps all products below 2^63.
   const int64_t spread = (square - sum * sum / count) >> 10;
   common = (common - floor_div(sum * one.t_sum, count)) >> 10;
   const int64_t tt = one.tt >> 10;
@@ -200,7 +201,7 @@ void DotTemplates::refine_one(const FrameView& frame, size_t number, Marker& mar
   }
   const int64_t unexplained = std::max<int64_t>(spread - common * common / tt, 0);
   const int64_t gain = std::max<int64_t>(one.k[0] + one.k[3], 0);
-  error2_q16 = kLeastError2 + (((gain * unexplained >> (one.shift - 16)) / count) >> 6) +
+  error2_q16 = kMinError2 + (((gain * unexplained >> (one.shift - 16)) / count) >> 6) +
                ((step_x * step_x + step_y * step_y) >> 18);
   marker.displacement_x = ImagePx::from_raw(static_cast<int32_t>(marker.displacement_x.raw() - (3 * step_x >> 2)));
   marker.displacement_y = ImagePx::from_raw(static_cast<int32_t>(marker.displacement_y.raw() - (3 * step_y >> 2)));

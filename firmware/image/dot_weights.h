@@ -1,5 +1,6 @@
-// A row of weights of dots.h, on lanes (lanes_scalar.h). Bounds: a box's sum below 2^31 (kMaxBoxRadiusPx), its inverse
-// below 2^29 (no box is smaller than 3 x 3), background and grey at most 12,240, threshold below 2^16.
+// One row of the weights of dots.h, on lanes (lanes_scalar.h). Bounds: the sum of a box is below 2^31
+// (kMaxBoxRadiusPx), its inverse below 2^29 (a box has at least 3 x 3 pixels), background and grey are at most 12,240,
+// the threshold is below 2^16.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +18,7 @@ class DotWeights {
     move<L>(row, 0, whole);
     move<ScalarLanes>(row, whole, row.width);
     int32_t* sums = row.prefix_sum + row.box_radius_px + 1;
-    uint32_t sum = 0;  // may pass 32 bits: differences do not
+    uint32_t sum = 0;  // may wrap at 32 bits; differences stay exact
     for (int x = 0; x < row.width; ++x) {
       sum += static_cast<uint32_t>(row.column_sum[x]);
       sums[x] = static_cast<int32_t>(sum);
@@ -47,10 +48,11 @@ class DotWeights {
     for (int x = from; x < to; x += Some::kCount) {
       const auto box = Some::sub(Some::load(high + x), Some::load(row.prefix_sum + x));
       const auto background = Some::narrow(Some::mul(box, Some::load(row.inverse_q32 + x)), 32);
-      const auto threshold = Some::template right<15>(Some::times(background, Some::same(row.threshold_q15)));
+      const auto threshold =
+          Some::template shift_right<15>(Some::mul_low(background, Some::broadcast(row.threshold_q15)));
       const auto darker = Some::sub(background, level<Some>(row.grey + x));
-      const auto v = row.is_light ? Some::sub(Some::same(0), darker) : darker;
-      Some::store_16(row.weight + x, Some::max(Some::sub(v, threshold), Some::same(0)));
+      const auto v = row.is_light ? Some::sub(Some::broadcast(0), darker) : darker;
+      Some::store_16(row.weight + x, Some::max(Some::sub(v, threshold), Some::broadcast(0)));
     }
   }
 };

@@ -17,9 +17,10 @@ DotDetector::DotDetector(const DotParameters& parameters, DotRun version)
   dots_.reserve(kMaxDots);
 }
 
-DotDetector::DotDetector(const DotParameters& parameters) : DotDetector(parameters, kernels::best().dots) {}
+DotDetector::DotDetector(const DotParameters& parameters)
+    : DotDetector(parameters, kernels::fastest_supported().dots) {}
 
-// The boxes of the row above the first one.
+// Sums for the boxes of the row above the first one.
 void DotDetector::start(std::span<const uint16_t> grey) {
   const auto width = static_cast<size_t>(p_.width_px);
   std::fill(column_sum_.begin(), column_sum_.end(), 0);
@@ -40,7 +41,7 @@ void DotDetector::invert_areas(int n_rows) {
   };
   std::fill(inverse_q32_.begin(), inverse_q32_.end(), inverse(std::min(2 * r + 1, p_.width_px)));
   for (int x = 0; x < p_.width_px; ++x) {
-    if (x == r && x < p_.width_px - r) x = p_.width_px - r;  // the boxes between are whole
+    if (x == r && x < p_.width_px - r) x = p_.width_px - r;  // the boxes in between are not clipped
     if (x < p_.width_px)
       inverse_q32_[static_cast<size_t>(x)] = inverse(std::min(x + r, p_.width_px - 1) - std::max(x - r, 0) + 1);
   }

@@ -1,13 +1,14 @@
-// Printed dots in a grey image: sub-pixel centres of spots darker (or lighter) than their surroundings.
+// Detects printed dots in a grey image: sub-pixel centres of spots darker (or lighter) than their surroundings.
 //
-//   background = (box sum x inverse + 2^31) >> 32, box of radius r clipped at the border, inverse = 2^32 / its area, half up
+//   background = (box sum x inverse + 2^31) >> 32, box of radius r clipped at the border, inverse = 2^32 / its area,
+//                half up
 //   v = background - grey (dark dots) or grey - background (light ones)
 //   weight = v - (background (threshold 2^15 / 1000) >> 15), where positive
 //   centre = sum(weight position) / sum(weight) over a 4-connected component, Q16, rounded down
 //
-// The weight falls to zero at the component's edge, so the centre has no jumps as the dot moves over
-// the pixel grid. Components that touch the border, or whose area is outside [min, max], are dropped.
-// Grey is in 1/16 levels of three channels together (image/difference.h). Frame thread; no allocation after the constructor.
+// The weight falls to zero at the component's edge, so the centre moves smoothly as the dot crosses the pixel grid.
+// Components that touch the border or whose area is outside [min, max] are dropped. Grey is in 1/16 levels of three
+// channels together (image/difference.h). Frame thread; no allocation after the constructor.
 #pragma once
 
 #include <cstdint>
@@ -36,31 +37,31 @@ struct DotParameters {
   int max_area_px = 0;
 };
 
-// What one row of weights is made from; `inverse` and the sums are of each pixel's box.
+// Inputs of one row of weights; `inverse_q32` and the sums belong to each pixel's box.
 struct DotRow {
   int width = 0;
   int box_radius_px = 0;
   bool is_light = false;
   int32_t threshold_q15 = 0;
-  const uint16_t* entering = nullptr;  // the row that enters the boxes, and the one that leaves them
+  const uint16_t* entering = nullptr;  // the row that enters the boxes, and below the row that leaves them
   const uint16_t* leaving = nullptr;
   const uint16_t* grey = nullptr;
   const int32_t* inverse_q32 = nullptr;
   int32_t* column_sum = nullptr;
-  int32_t* prefix_sum = nullptr;  // box_radius_px + 1 zeros, then width sums, then room for box_radius_px
+  int32_t* prefix_sum = nullptr;  // box_radius_px + 1 zeros, then `width` sums, then room for box_radius_px more
   int16_t* weight = nullptr;
 };
 using DotRun = void (*)(const DotRow& row);
 
 class DotDetector {
  public:
-  static constexpr int kMaxBoxRadiusPx = 200;  // so that a box's sum fits 31 bits: 401^2 boxes of 16 x 765
+  static constexpr int kMaxBoxRadiusPx = 200;  // keeps the sum of a box within 31 bits: 401^2 pixels of 16 x 765
   static constexpr int kMaxDots = 4096;
 
   DotDetector(const DotParameters& parameters, DotRun version);
-  explicit DotDetector(const DotParameters& parameters);  // the fastest that this processor runs
+  explicit DotDetector(const DotParameters& parameters);  // selects the fastest version that this processor supports
 
-  // Dots of `grey` (width x height) in order of their first pixel; valid until the next call.
+  // Returns the dots of `grey` (width x height) in the order of their first pixels; valid until the next call.
   std::span<const Dot> detect(std::span<const uint16_t> grey);
 
  private:
@@ -70,8 +71,8 @@ class DotDetector {
 
   DotParameters p_;
   DotRun run_;
-  std::vector<uint16_t> no_row_;      // zeros: what enters and leaves beyond the border
-  std::vector<int32_t> inverse_q32_;  // of the area of each pixel's box, for n_box_rows_ rows
+  std::vector<uint16_t> no_row_;      // zeros: the row that enters or leaves beyond the border
+  std::vector<int32_t> inverse_q32_;  // inverse area of each pixel's box, for n_box_rows_ rows
   int n_box_rows_ = 0;
   std::vector<int32_t> column_sum_;  // grey over the rows of the box
   std::vector<int32_t> prefix_sum_;

@@ -10,12 +10,12 @@ namespace ruffini {
 namespace {
 
 constexpr int kFraction = 4;
-constexpr int kResidualShift = 2;  // a residual is 4 x the value's error
-constexpr int kDepthShift = 2;     // what depth counts less
-constexpr int64_t kSecond2 = 10;   // times, squared
+constexpr int kResidualShift = 2;  // a residual is 4 x the error of the value
+constexpr int kDepthShift = 2;     // log2 of the factor by which depth counts less
+constexpr int64_t kSecond2 = 10;   // factor to the second largest residual, squared
 constexpr int64_t kThird2 = 49;
 
-// Of a residual.
+// Squared norm of a residual.
 int64_t square(const FieldValue& r) {
   const int64_t z = r.z >> kDepthShift;
   return int64_t{r.x} * r.x + int64_t{r.y} * r.y + z * z;
@@ -36,12 +36,12 @@ FieldRepair::FieldRepair(GridSize size)
 int32_t FieldRepair::least_q3(int64_t pitch_x_um, int64_t pitch_y_um, int64_t thickness_um) {
   if (8 * std::max(pitch_x_um, pitch_y_um) > 3 * thickness_um) return kNoOutliers;
   const int64_t least_um_q3 = 8 * std::min(pitch_x_um, pitch_y_um) / kPitchesOfOutlier;
-  return static_cast<int32_t>(std::max(least_um_q3, 8 * kLeastOutlierUm));
+  return static_cast<int32_t>(std::max(least_um_q3, 8 * kMinOutlierUm));
 }
 
-// The up to eight neighbours.
+// Visits the up to eight neighbours.
 template <typename Visit>
-void FieldRepair::around(int x, int y, Visit visit) const {
+void FieldRepair::for_each_neighbour(int x, int y, Visit visit) const {
   for (int v = std::max(y - 1, 0); v <= std::min(y + 1, size_.n_y - 1); ++v) {
     for (int u = std::max(x - 1, 0); u <= std::min(x + 1, size_.n_x - 1); ++u) {
       if (u != x || v != y) visit(u, v);
@@ -49,7 +49,7 @@ void FieldRepair::around(int x, int y, Visit visit) const {
   }
 }
 
-// Ring by ring the mean of the known or reached neighbours, rounded down.
+// Fills ring by ring with the mean of the known or reached neighbours, rounded down.
 void FieldRepair::fill_rings() {
   std::copy(known_.begin(), known_.end(), reached_.begin());
   for (bool has_grown = true; has_grown;) {
@@ -60,7 +60,7 @@ void FieldRepair::fill_rings() {
         if (reached_[index(x, y)] != 0) continue;
         FieldValue sum;
         int32_t n = 0;
-        around(x, y, [&](int u, int v) {
+        for_each_neighbour(x, y, [&](int u, int v) {
           if (reached_[index(u, v)] == 0) return;
           const FieldValue& beside = value_[padded(u, v)];
           sum = {sum.x + beside.x, sum.y + beside.y, sum.z + beside.z};
@@ -104,10 +104,10 @@ void FieldRepair::fill() {
   const auto n_missing = std::count(known_.begin(), known_.end(), uint8_t{0});
   if (n_missing == 0) return;
   fill_rings();
-  if (kMostPlatePart * n_missing <= std::ssize(known_)) fill_plate();
+  if (kMaxMissingPart * n_missing <= std::ssize(known_)) fill_plate();
 }
 
-// The lines beyond the border that (x, y) decides.
+// Extends the field beyond the border on the lines that (x, y) determines.
 void FieldRepair::extend(int x, int y) {
   const auto beyond = [&](int u, int v, int du, int dv) {
     const FieldValue& border = value_[padded(u, v)];
@@ -133,7 +133,7 @@ FieldValue FieldRepair::residual(int x, int y) const {
   const auto along = [&](int32_t FieldValue::* axis) {
     const auto line = [&](ptrdiff_t step) { return 2 * middle->*axis - middle[step].*axis - middle[-step].*axis; };
     const int32_t a = line(1), b = line(row), c = line(row + 1), d = line(row - 1);
-    // The two middle ones of four: less the least and the largest.
+    // Sum of the two middle values of four: all minus the smallest and the largest.
     return std::max(std::min(a, b), std::min(c, d)) + std::min(std::max(a, b), std::max(c, d));
   };
   return {along(&FieldValue::x), along(&FieldValue::y), along(&FieldValue::z)};
@@ -143,15 +143,15 @@ bool FieldRepair::is_candidate(int x, int y, int64_t least2) const {
   const size_t i = index(x, y);
   if (residual2_[i] <= least2 || known_[i] == 0) return false;
   bool is_largest = true;
-  around(x, y, [&](int u, int v) {
+  for_each_neighbour(x, y, [&](int u, int v) {
     const size_t j = index(u, v);
     is_largest &= known_[j] == 0 || residual2_[j] <= residual2_[i];
   });
   return is_largest;
 }
 
-// Puts in its place what the neighbours say, if they agree then.
-bool FieldRepair::take_out(int x, int y) {
+// Replaces the value by its neighbours' prediction if they agree afterwards.
+bool FieldRepair::remove_outlier(int x, int y) {
   FieldValue& value = value_[padded(x, y)];
   const FieldValue given = value;
   const FieldValue own = residual(x, y);
@@ -159,7 +159,7 @@ bool FieldRepair::take_out(int x, int y) {
            given.z - (own.z >> kResidualShift)};
   extend(x, y);
   std::array<int64_t, 3> largest{};
-  around(x, y, [&](int u, int v) {
+  for_each_neighbour(x, y, [&](int u, int v) {
     int64_t size2 = square(residual(u, v));
     for (int64_t& place : largest) {
       if (size2 > place) std::swap(size2, place);
@@ -188,13 +188,13 @@ int FieldRepair::find_outliers(int64_t least) {
   for (int round = 0; round < kRounds; ++round) {
     places_.clear();
     each([&](int x, int y) {
-      if (is_candidate(x, y, least2) && take_out(x, y)) places_.push_back({x, y});
+      if (is_candidate(x, y, least2) && remove_outlier(x, y)) places_.push_back({x, y});
     });
     if (places_.empty()) break;
     n_found += static_cast<int>(places_.size());
     for (const auto& [x, y] : places_) {
       renew(x, y);
-      around(x, y, renew);
+      for_each_neighbour(x, y, renew);
     }
   }
   return n_found;
@@ -209,7 +209,7 @@ int FieldRepair::run(std::span<FieldValue> field, std::span<uint8_t> is_missing,
   if (std::find(known_.begin(), known_.end(), uint8_t{1}) == known_.end()) return 0;
   fill();
   int n_outliers = 0;
-  if (std::min(size_.n_x, size_.n_y) >= kFewestLines) n_outliers = find_outliers(least);
+  if (std::min(size_.n_x, size_.n_y) >= kMinLines) n_outliers = find_outliers(least);
   if (n_outliers > 0) fill();
   for (size_t i = 0; i < field.size(); ++i) {
     if (known_[i] != 0) continue;

@@ -28,8 +28,8 @@ GradientSums gradient(const Block& block, const int16_t* h) {
   return sums;
 }
 
-LikenessSums likeness(const Block& block, const int16_t* t) {
-  LikenessSums sums;
+CorrelationSums correlation(const Block& block, const int16_t* t) {
+  CorrelationSums sums;
   each_sample(block, [&](size_t i, int v) {
     sums.value += v;
     sums.square += v * v;
@@ -52,9 +52,9 @@ MisfitSums misfit(const int16_t* at, ptrdiff_t stride, const int16_t* value) {
 
 }  // namespace
 
-const Version kScalar = {gradient, likeness, misfit};
+const Version kScalar = {gradient, correlation, misfit};
 
-const Version& best() {
+const Version& fastest_supported() {
 #if defined(__x86_64__)
   return __builtin_cpu_supports("avx2") ? kAvx2 : kScalar;
 #elif defined(__aarch64__)

@@ -5,7 +5,7 @@
 namespace ruffini::flow_kernel {
 namespace {
 
-// Two rows of eight, `apart` from one another.
+// Loads two rows of eight, `apart` values from one another.
 __m256i two_rows(const int16_t* p, ptrdiff_t apart) {
   const __m128i low = _mm_loadu_si128(reinterpret_cast<const __m128i*>(p));
   return _mm256_inserti128_si256(_mm256_castsi128_si256(low),
@@ -25,7 +25,7 @@ int32_t sum(__m256i lanes) {
   return _mm_cvtsi128_si32(half);
 }
 
-// The samples of rows 2 i and 2 i + 1, i = 0..3.
+// Samples rows 2 i and 2 i + 1, i = 0..3.
 template <typename Use>
 void each_pair(const Block& block, Use use) {
   const __m256i fx = _mm256_set1_epi16(block.x_q15);
@@ -49,7 +49,7 @@ GradientSums gradient(const Block& block, const int16_t* h) {
   return {sum(x), sum(y)};
 }
 
-LikenessSums likeness(const Block& block, const int16_t* t) {
+CorrelationSums correlation(const Block& block, const int16_t* t) {
   const __m256i one = _mm256_set1_epi16(1);
   __m256i value = _mm256_setzero_si256();
   __m256i square = _mm256_setzero_si256();
@@ -76,6 +76,6 @@ MisfitSums misfit(const int16_t* at, ptrdiff_t stride, const int16_t* value) {
 
 }  // namespace
 
-const Version kAvx2 = {gradient, likeness, misfit};
+const Version kAvx2 = {gradient, correlation, misfit};
 
 }  // namespace ruffini::flow_kernel

@@ -1,6 +1,6 @@
 #if defined(__aarch64__)
 #include <arm_neon.h>
-#else  // tests run this file on other processors, too
+#else  // tests compile this file on other processors, too
 #define SIMDE_ENABLE_NATIVE_ALIASES
 #include <simde/arm/neon.h>
 #endif
@@ -39,7 +39,7 @@ GradientSums gradient(const Block& block, const int16_t* h) {
   return {vaddvq_s32(x), vaddvq_s32(y)};
 }
 
-LikenessSums likeness(const Block& block, const int16_t* t) {
+CorrelationSums correlation(const Block& block, const int16_t* t) {
   int32x4_t value = vdupq_n_s32(0);
   int32x4_t square = vdupq_n_s32(0);
   int32x4_t product = vdupq_n_s32(0);
@@ -64,6 +64,6 @@ MisfitSums misfit(const int16_t* at, ptrdiff_t stride, const int16_t* value) {
 
 }  // namespace
 
-const Version kNeon = {gradient, likeness, misfit};
+const Version kNeon = {gradient, correlation, misfit};
 
 }  // namespace ruffini::flow_kernel

@@ -46,7 +46,7 @@ void FlowNuisances::remove(std::span<int32_t> g) const {
 void FlowNuisances::add(std::span<int32_t> v) {
   if (scale(v) == 0) return;
   remove(v);
-  if (scale(v) < kLeastBits) return;
+  if (scale(v) < kMinBits) return;
   remove(v);
   std::copy(v.begin(), v.end(), all_.begin() + static_cast<ptrdiff_t>(n_ * n_samples_));
   square_[n_] = dot(v, v);

@@ -1,7 +1,8 @@
-// What a patch of texture does beside moving: directions of its samples that a displacement must not be read from.
+// Directions in which the samples of a texture patch change without displacement; displacement must not be estimated
+// from them.
 //
-//   add      v, less what those before it explain (Gram-Schmidt, twice), scaled to 2^14 <= max |v| < 2^15; what then is
-//            below a 64th of what it was is not a direction of its own
+//   add      v minus its projection on earlier directions (Gram-Schmidt, twice), scaled to 2^14 <= max |v| < 2^15;
+//            dropped if less than a 64th of it remains
 //   remove   g - sum of q (q . g) / (q . q)
 //
 // Any thread; no allocation after the constructor.
@@ -19,15 +20,15 @@ class FlowNuisances {
   FlowNuisances(size_t n_samples, size_t n_directions);
 
   void clear() { n_ = 0; }
-  // At most n_directions times; v is used up.
+  // Call at most n_directions times. Overwrites v.
   void add(std::span<int32_t> v);
-  // g: below 2^15.
+  // Precondition: |g| < 2^15.
   void remove(std::span<int32_t> g) const;
 
  private:
   static constexpr int kBits = 15;
-  static constexpr int kLeastBits = 8;  // a 64th, and rounding is a part of it
-  // Shifts v so that its largest has kBits bits; how many it had.
+  static constexpr int kMinBits = 8;  // a 64th, including rounding
+  // Shifts v so that its largest element has kBits bits. Returns the number of bits before.
   static int scale(std::span<int32_t> v);
   [[nodiscard]] std::span<const int32_t> direction(size_t i) const {
     return {all_.data() + i * n_samples_, n_samples_};

@@ -32,7 +32,7 @@ flow_kernel::Block block_at(const GreyView& picture, const PatchShape& shape, in
 
 FlowTemplates::FlowTemplates(PatchShape shape, int n_patches)
     : shape_(shape),
-      kernel_(flow_kernel::best()),
+      kernel_(flow_kernel::fastest_supported()),
       patch_(static_cast<size_t>(n_patches)),
       h_(patch_.size() * static_cast<size_t>(2 * shape.n_samples())),
       t_(patch_.size() * static_cast<size_t>(shape.n_samples())),
@@ -50,8 +50,9 @@ void FlowTemplates::learn(const GreyView& picture, std::span<const FlowVector> p
   }
 }
 
-// h along one axis, sample by sample in the order of t.
-void FlowTemplates::blind(std::span<const int32_t> g, const int16_t* t, int64_t tt, size_t axis, int16_t* h) const {
+// Computes h along one axis, in the order of t.
+void FlowTemplates::remove_nuisances(std::span<const int32_t> g, const int16_t* t, int64_t tt, size_t axis,
+                                     int16_t* h) const {
   const auto n = static_cast<size_t>(shape_.n_samples());
   int64_t sum = 0;
   for (size_t i = 0; i < n; ++i) sum += g[i];
@@ -91,8 +92,8 @@ void FlowTemplates::learn_patch(const GreyView& picture, size_t number) {
     patch.tt += int64_t{t[i]} * t[i];
     patch.t_sum += t[i];
   }
-  blind(gx, t, patch.tt, 0, h);
-  blind(gy, t, patch.tt, 1, h);
+  remove_nuisances(gx, t, patch.tt, 0, h);
+  remove_nuisances(gy, t, patch.tt, 1, h);
   invert(patch, gx, gy, h);
   patch.s0_x = patch.s0_y = 0;
   for (size_t i = 0; i < n; ++i) {
@@ -102,7 +103,7 @@ void FlowTemplates::learn_patch(const GreyView& picture, size_t number) {
   }
 }
 
-// K, and the centre of texture.
+// Computes K and the centre of texture.
 void FlowTemplates::invert(Patch& patch, std::span<const int32_t> gx, std::span<const int32_t> gy,
                            const int16_t* h) const {
   const auto n = static_cast<size_t>(shape_.n_samples());
@@ -173,10 +174,10 @@ void FlowTemplates::step(const GreyView& picture, std::span<FlowVector> u, std::
   }
 }
 
-// `unexplained`: R, four for a squared grey level, below 2^22.
+// `unexplained`: R, four for each squared grey level, below 2^22.
 uint8_t FlowTemplates::quality_of(const Patch& patch, int64_t unexplained) const {
   if (patch.inverse.shift == 0) return 0;
-  // K 2^-shift takes Q8 products to Q16 px, shift at least 17: gain R 2^(14 - shift) is error^2 / 4, Q20.
+  // K 2^-shift converts Q8 products to Q16 px, with a shift of at least 17: gain R 2^(14 - shift) is error^2 / 4, Q20.
   const int64_t gain = std::max<int64_t>(int64_t{patch.inverse.k[0]} + patch.inverse.k[3], 0);
   const int64_t error2_q20 =
       (gain * std::max<int64_t>(unexplained, 0) >> (patch.inverse.shift - 16)) / shape_.n_samples();
@@ -191,14 +192,14 @@ void FlowTemplates::compare(const GreyView& picture, std::span<const FlowVector>
     int64_t value = 0, square = 0, product = 0;
     for (int b = 0; b < shape_.n_blocks; ++b) {
       const auto sums =
-          kernel_.likeness(block(picture, patch_[i], u[i], b), t_.data() + n * i + static_cast<size_t>(b) * kArea);
+          kernel_.correlation(block(picture, patch_[i], u[i], b), t_.data() + n * i + static_cast<size_t>(b) * kArea);
       value += sums.value;
       square += sums.square;
       product += sums.product;
     }
-    // Below 2^31 each; a quarter of a grey level squared lost per sample, then all products below 2^63.
+    // Below 2^31 each; dropping a quarter of a squared grey level per sample keeps all products below 2^63.
     const int64_t spread = (square - value * value / static_cast<int64_t>(n)) >> 10;
-    // t's own sum is what rounding its mean left.
+    // t does not sum to zero exactly, because its mean was rounded.
     const int64_t common = (product - floor_div(value * patch_[i].t_sum, static_cast<int64_t>(n))) >> 10;
     const int64_t tt = patch_[i].tt >> 10;
     const bool is_alike = common > 0 && common * common * 1'000'000 >= share * tt * spread;

@@ -1,14 +1,15 @@
-// Patches of the rest image, one pyramid level of them, ready to be found in a frame.
+// Patches of the rest image on one pyramid level, prepared for matching in a frame.
 //
 // Per patch, over its N samples T with central differences g:
-//   t = T - mean, h = g - mean - t (g . t) / (t . t)       blind to the light's level and contrast
+//   t = T - mean, h = g - mean - t (g . t) / (t . t)       insensitive to the light's level and contrast
 //   K = (sum h g^T)^-1, S_0 = sum h T
-// One step in a frame I, sampled at the patch's place + u:  u -= K (sum h I - S_0), at most one pixel. Inverse
-// compositional: all but the samples is made once, at rest. The patch speaks for its centre of texture (mean of h . g).
-// Without contrast, or with contrast along one direction only, a patch is not sound.
+// One step in a frame I, sampled at the patch's position + u:  u -= K (sum h I - S_0), at most one pixel. The method is
+// inverse compositional: everything but the samples is computed once, at rest. The displacement applies to the patch's
+// centre of texture (mean of h . g). A patch without contrast, or with contrast along one direction only, is not
+// usable.
 //
-// What of a frame's samples the template does not explain, R = I . I - (I . t)^2 / t . t, moves a step by
-//   error^2 = 4 (K_xx + K_yy) R / N     px^2; 4: the smoothing makes neighbouring samples err alike
+// The part of a frame's samples that the template does not explain, R = I . I - (I . t)^2 / t . t, moves a step by
+//   error^2 = 4 (K_xx + K_yy) R / N     px^2; 4, because smoothing correlates the errors of neighbouring samples
 #pragma once
 
 #include <cstdint>
@@ -28,35 +29,35 @@ struct FlowVector {
 
 using GreyView = ImageView<const int16_t>;  // Q4 levels
 
-// Samples of a patch: n_blocks blocks side by side, 8 rows of samples row_step rows apart.
+// Sampling pattern of a patch: n_blocks blocks side by side, 8 rows of samples that are row_step rows apart.
 struct PatchShape {
   int n_blocks = 1;
   int row_step = 1;
-  int margin_px = 1;  // of the template to the picture's border
+  int margin_px = 1;  // distance of the template from the picture's border
 
   [[nodiscard]] int columns() const { return n_blocks * flow_kernel::kSide; }
   [[nodiscard]] int rows() const { return flow_kernel::kSide * row_step; }
   [[nodiscard]] int n_samples() const { return n_blocks * flow_kernel::kArea; }
 };
 
-// Where block `number` of a patch lies whose first pixel is at (x, y), Q16; held inside the picture.
+// Returns the position of block `number` of a patch that begins at (x, y), Q16, clamped to the picture.
 [[nodiscard]] flow_kernel::Block block_at(const GreyView& picture, const PatchShape& shape, int64_t x_q16,
                                           int64_t y_q16, int number);
 
 class FlowTemplates {
  public:
   static constexpr int kMaxBlocks = 2;
-  static constexpr int kSearchPx = 4;  // whole pixels that search() looks around, at most the margin
+  static constexpr int kSearchPx = 4;  // search radius of search() in whole pixels; at most the margin
 
   FlowTemplates(PatchShape shape, int n_patches);
 
   // `places`: centres, Q16 px of this level.
   void learn(const GreyView& picture, std::span<const FlowVector> places);
-  // To the whole pixel where the template fits best, the light's level aside.
+  // Moves u to the whole pixel where the template fits best, ignoring the light's level.
   void search(const GreyView& picture, std::span<FlowVector> u) const;
-  // One step each; is_cut: 1 where it would have been longer than a pixel.
+  // Performs one step for each patch. Sets is_cut to 1 where the step would have exceeded one pixel.
   void step(const GreyView& picture, std::span<FlowVector> u, std::span<uint8_t> is_cut) const;
-  // Marker's quality where the samples at u correlate with the template by at least threshold / 1000; else 0.
+  // Writes the marker quality if the samples at u correlate with the template by at least threshold / 1000; else 0.
   void compare(const GreyView& picture, std::span<const FlowVector> u, int threshold_1e3,
                std::span<uint8_t> quality) const;
 
@@ -77,7 +78,7 @@ class FlowTemplates {
   };
   void learn_patch(const GreyView& picture, size_t patch);
   void invert(Patch& patch, std::span<const int32_t> gx, std::span<const int32_t> gy, const int16_t* h) const;
-  void blind(std::span<const int32_t> g, const int16_t* t, int64_t tt, size_t axis, int16_t* h) const;
+  void remove_nuisances(std::span<const int32_t> g, const int16_t* t, int64_t tt, size_t axis, int16_t* h) const;
   [[nodiscard]] uint8_t quality_of(const Patch& patch, int64_t unexplained) const;
   [[nodiscard]] flow_kernel::Block block(const GreyView& picture, const Patch& patch, const FlowVector& u,
                                          int number) const;
@@ -87,7 +88,7 @@ class FlowTemplates {
   std::vector<Patch> patch_;
   std::vector<int16_t> h_;      // per patch and block: h_x of 64 samples, h_y of 64
   std::vector<int16_t> t_;      // per patch and block: 64
-  std::vector<int16_t> value_;  // the same of T
+  std::vector<int16_t> value_;  // T itself, in the same layout
 };
 
 }  // namespace ruffini

@@ -10,14 +10,14 @@ namespace {
 constexpr int kNearestPx = 12;
 constexpr int kJitterPx = 9;
 constexpr int kBandRows = 16;
-constexpr int kValues = 6;          // of a sample
-constexpr int64_t kJumpLevels = 8;  // of each value
-constexpr int kColumnRows = 40;     // about so many, without a period
+constexpr int kValues = 6;          // values of a sample
+constexpr int64_t kJumpLevels = 8;  // threshold per value
+constexpr int kColumnRows = 40;     // approximate number of rows, without a period
 constexpr size_t kMaxColumnRows = UINT16_MAX / 255;
-constexpr int kLampRows = 8;  // each eighth row tells the lamps
-// Mean of |difference| of two pixels, B + G + R, at a noise of 12 grey levels each.
+constexpr int kLampRows = 8;  // each eighth row is used for the lamp check
+// Mean of |difference| of two pixels, B + G + R, with noise of 12 grey levels each.
 constexpr int64_t kNoiseOfSample = 24;
-constexpr int64_t kMinLampLevel = 16;  // of rest: below that a lamp cannot be told from none
+constexpr int64_t kMinLampLevel = 16;  // of rest: below it, a lamp cannot be distinguished from no lamp
 
 }  // namespace
 
@@ -40,7 +40,7 @@ FrameWatch::FrameWatch(int width_px, int height_px)
 
 void FrameWatch::learn(std::span<const uint16_t> rest) {
   rest_channel_.fill(0);
-  most_rough_ = 0;
+  max_rough_ = 0;
   int64_t band = 0;
   for (size_t y = 0; y < rest_.size(); ++y) {
     int32_t level = 0;
@@ -55,7 +55,7 @@ void FrameWatch::learn(std::span<const uint16_t> rest) {
     }
     rest_[y] = {level / 16, rough / 16};
     band += rest_[y].rough - (y < kBandRows ? 0 : rest_[y - kBandRows].rough);
-    most_rough_ = std::max(most_rough_, band);
+    max_rough_ = std::max(max_rough_, band);
   }
   for (int64_t& sum : rest_channel_) sum /= 16;
   std::fill(column_rest_.begin(), column_rest_.end(), 0);
@@ -68,7 +68,7 @@ void FrameWatch::learn(std::span<const uint16_t> rest) {
   for (int32_t& sum : column_rest_) sum /= 16;
 }
 
-FrameWatch::Verdict FrameWatch::run(const FrameView& frame) {
+FrameWatch::Defects FrameWatch::run(const FrameView& frame) {
   std::array<int64_t, 3> channel{};
   for (int y = 0; y < frame.height; ++y) {
     const uint8_t* pixels = frame.row(y);
@@ -87,13 +87,13 @@ FrameWatch::Verdict FrameWatch::run(const FrameView& frame) {
   }
   add_columns(frame);
   const int64_t n_pixels = std::ssize(at_) * ((frame.height + kLampRows - 1) / kLampRows);
-  Verdict verdict{.is_broken = is_broken() || has_broken_column(), .is_lamp_off = false};
+  Defects defects{.is_broken = is_broken() || has_broken_column(), .is_lamp_off = false};
   for (size_t c = 0; c < 3; ++c) {
     const bool has_lamp = rest_channel_[c] > kMinLampLevel * n_pixels;
     const bool is_off = 2 * channel[c] < rest_channel_[c] || channel[c] > 2 * rest_channel_[c];
-    verdict.is_lamp_off = verdict.is_lamp_off || (has_lamp && is_off);
+    defects.is_lamp_off = defects.is_lamp_off || (has_lamp && is_off);
   }
-  return verdict;
+  return defects;
 }
 
 void FrameWatch::add_columns(const FrameView& frame) {
@@ -124,7 +124,7 @@ bool FrameWatch::is_broken() const {
   int64_t band = 0;
   for (size_t y = 0; y < now_.size(); ++y) {
     band += now_[y].rough - (y < kBandRows ? 0 : now_[y - kBandRows].rough);
-    if (band > 2 * most_rough_ + kNoiseOfSample * kBandRows * n) return true;
+    if (band > 2 * max_rough_ + kNoiseOfSample * kBandRows * n) return true;
     if (y == 0) continue;
     const int64_t jump = (now_[y].level - rest_[y].level) - (now_[y - 1].level - rest_[y - 1].level);
     const int64_t usual = (rest_[y].level + rest_[y - 1].level) / 2;

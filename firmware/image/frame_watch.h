@@ -1,15 +1,15 @@
-// Whether a frame is a picture at all, before anything is made of it: for live cameras.
+// Checks whether a live camera's frame is an intact picture, before any stage uses it.
 //
-//   samples: two pixels side by side about every 16 px of every row; of row y
+//   samples: pairs of adjacent pixels, about every 16 px of every row; for row y
 //   level(y)  = sum of B + G + R over its samples,    rough(y) = sum of |left - right| of B + G + R
-//   broken:   a row whose difference from rest is off the row's before it by more than a quarter of rest and 8 grey
-//             levels (a row or half a frame is missing), or 16 rows in a row rougher than any of rest, twice, and what a
-//             noise of 12 grey levels makes (a burst)
-//             or a column of some 40 rows that is off the one before it by more than half of rest and 8 grey levels (a
-//             column or a side is missing; presses on the twin: 0.47 of that)
-//   lamp off: a channel's mean is below half or above twice that of rest
+//   broken:   a row whose difference from rest deviates from the previous row's by more than a quarter of rest and 8
+//             grey levels (a row or half a frame is missing); or 16 consecutive rows rougher than any of rest, twice over,
+//             and rougher than noise of 12 grey levels (a burst); or a column of some 40 rows that deviates from the
+//             previous one by more than half of rest and 8 grey levels (a column or a side is missing; presses on the
+//             twin reach 0.47 of that)
+//   lamp off: the mean of a channel is below half or above twice that of rest
 //
-// The samples stand 12 to 20 px apart without a period: rows of dots make no row of samples.
+// The samples are 12 to 20 px apart without a period, so that rows of dots do not align with them.
 //
 // Frame thread; no allocation after the constructor.
 #pragma once
@@ -25,17 +25,17 @@ namespace ruffini {
 
 class FrameWatch {
  public:
-  struct Verdict {
+  struct Defects {
     bool is_broken = false;
     bool is_lamp_off = false;
   };
 
   FrameWatch(int width_px, int height_px);
 
-  // A new rest image, width x height x 3 in 1/16 grey levels.
+  // Sets a new rest image, width x height x 3 in 1/16 grey levels.
   void learn(std::span<const uint16_t> rest);
   // Precondition: learn() was called.
-  [[nodiscard]] Verdict run(const FrameView& frame);
+  [[nodiscard]] Defects run(const FrameView& frame);
 
  private:
   struct Row {
@@ -48,13 +48,13 @@ class FrameWatch {
 
   int width_px_;
   std::vector<int32_t> at_;           // first pixel of each sample of a row
-  std::vector<int> rows_;             // whose pixels make columns
-  std::vector<uint16_t> column_sum_;  // of now, per channel
+  std::vector<int> rows_;             // rows whose pixels form the columns
+  std::vector<uint16_t> column_sum_;  // of the current frame, per channel
   std::vector<int32_t> column_rest_;  // B + G + R
   std::vector<Row> rest_;
   std::vector<Row> now_;
   std::array<int64_t, 3> rest_channel_{};
-  int64_t most_rough_ = 0;  // of 16 rows of rest
+  int64_t max_rough_ = 0;  // of 16 rows of rest
 };
 
 }  // namespace ruffini

@@ -37,10 +37,11 @@ Glow::Glow(const BoardSettings& board, GlowRun glow_run, SmoothRun smooth_run)
   for (size_t c = 0; c < 3; ++c) weight_[c] = static_cast<int16_t>(board.skin.weights[c]);
 }
 
-Glow::Glow(const BoardSettings& board) : Glow(board, kernels::best().glow, kernels::best().smooth) {}
+Glow::Glow(const BoardSettings& board)
+    : Glow(board, kernels::fastest_supported().glow, kernels::fastest_supported().smooth) {}
 
 void Glow::learn(std::span<const uint16_t> rest) {
-  constexpr int kMaxRest = 16 * 255;  // a stored image may claim more
+  constexpr int kMaxRest = 16 * 255;  // a stored image may contain larger values
   for (size_t i = 0; i < base_.size(); ++i) {
     int sum = 0;
     for (size_t c = 0; c < 3; ++c) sum += weight_[c] * std::min<int>(rest[3 * i + c], kMaxRest);

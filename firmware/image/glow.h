@@ -1,12 +1,12 @@
-// Brightness that touches add to a glowing skin: weighted channels less those of the untouched picture, and smoothed.
+// Brightness that touches add to a glowing skin: weighted channels minus those of the untouched picture, smoothed.
 //
 //   base = (sum_c w_c rest + 2) >> 2      rest in 1/16 levels (image/rest.h)
-//   glow = 4 sum_c w_c I - base           1/4 levels; w_c of [skin] weights, together 1 to 8: |glow| <= 8160
-//   smooth: Gaussian of 2 px in 13 taps t_k, along y, then along x; the border's pixels go on beyond the border
-//     out = sum_k ((in[-k] + in[k]) t_k + 2^14) >> 15, the middle one once; the taps' sum is 2^15
+//   glow = 4 sum_c w_c I - base           1/4 levels; w_c: [skin] weights, with a sum of 1 to 8: |glow| <= 8160
+//   smooth: Gaussian of 2 px in 13 taps t_k, along y, then along x; border pixels are repeated
+//     out = sum_k ((in[-k] + in[k]) t_k + 2^14) >> 15, the centre tap once; the taps' sum is 2^15
 //
-// "Frame difference, green + blue, smoothing filter" of the paper, which prints no filter. Frame thread; no allocation
-// after the constructor.
+// The paper describes "frame difference, green + blue, smoothing filter" without the filter's coefficients. Frame
+// thread; no allocation after the constructor.
 #pragma once
 
 #include <array>
@@ -28,17 +28,17 @@ struct GlowRow {
 };
 using GlowRun = void (*)(const GlowRow& row);
 
-// The reference, and the rest of a row for the others: pixels from `first` on.
+// The reference. Other versions call it for the remaining pixels of a row, from `first` on.
 void glow_row_scalar(const GlowRow& row, int first);
 
-inline constexpr int kSmoothReach = 6;  // px to either side: three sigma
-// exp(-k^2 / 8) over its sum, Q15, the first one made to close the sum.
+inline constexpr int kSmoothReach = 6;  // px to either side: three standard deviations
+// exp(-k^2 / 8) divided by its sum, Q15; the first one is adjusted to make the sum exact.
 inline constexpr std::array<int16_t, kSmoothReach + 1> kSmoothTap = {6544, 5774, 3969, 2124, 885, 287, 73};
 static_assert(kSmoothTap[0] +
                   2 * (kSmoothTap[1] + kSmoothTap[2] + kSmoothTap[3] + kSmoothTap[4] + kSmoothTap[5] + kSmoothTap[6]) ==
               1 << 15);
 
-// One line of values out of 13 that lie beside each other: rows of a picture, or one row shifted by a pixel each.
+// Computes one line from 13 adjacent lines: rows of a picture, or one row shifted by a pixel each.
 struct SmoothLine {
   std::array<const int16_t*, 2 * kSmoothReach + 1> in{};
   int width = 0;
@@ -49,10 +49,10 @@ void smooth_line_scalar(const SmoothLine& line, int first);
 
 class Glow {
  public:
-  explicit Glow(const BoardSettings& board);  // the fastest that this processor runs
+  explicit Glow(const BoardSettings& board);  // selects the fastest version that this processor supports
   Glow(const BoardSettings& board, GlowRun glow_run, SmoothRun smooth_run);
 
-  // The untouched image, width x height x 3 in 1/16 levels.
+  // Sets the untouched image, width x height x 3 in 1/16 levels.
   void learn(std::span<const uint16_t> rest);
   void run(const FrameView& frame);
   void smooth();
@@ -70,7 +70,7 @@ class Glow {
   std::vector<int16_t> base_;
   std::vector<int16_t> glow_;
   std::vector<int16_t> smoothed_;
-  std::vector<int16_t> line_;  // a row smoothed along y, with kSmoothReach more at either end
+  std::vector<int16_t> line_;  // a row smoothed along y, with kSmoothReach more pixels at either end
 };
 
 }  // namespace ruffini

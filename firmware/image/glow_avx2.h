@@ -1,4 +1,4 @@
-// Lines of glow.h on AVX2, sixteen pixels at a time.
+// AVX2 versions of the lines of glow.h, sixteen pixels at a time.
 #pragma once
 
 #include <immintrin.h>

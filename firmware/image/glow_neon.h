@@ -1,4 +1,4 @@
-// Lines of glow.h on NEON, eight pixels at a time.
+// NEON versions of the lines of glow.h, eight pixels at a time.
 #pragma once
 
 #include "image/glow.h"

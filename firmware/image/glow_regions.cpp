@@ -31,14 +31,14 @@ void GlowRegions::find(std::span<const int16_t> smoothed) {
     const Blob& blob = blobs_.all()[i];
     if (blob.parent != static_cast<int>(i) || blob.area < min_area_px_) continue;
     ++n_found_;
-    keep({ImagePx::from_raw(static_cast<int32_t>((blob.x << 16) / blob.area)),
-          ImagePx::from_raw(static_cast<int32_t>((blob.y << 16) / blob.area)), blob.area,
-          static_cast<int>(blob.weight / blob.area)});
+    list_by_area({ImagePx::from_raw(static_cast<int32_t>((blob.x << 16) / blob.area)),
+                  ImagePx::from_raw(static_cast<int32_t>((blob.y << 16) / blob.area)), blob.area,
+                  static_cast<int>(blob.weight / blob.area)});
   }
 }
 
-// Into its place by area; of equal ones the first found stays before.
-void GlowRegions::keep(const GlowRegion& region) {
+// Inserts the region sorted by area; of equal ones the first found comes first.
+void GlowRegions::list_by_area(const GlowRegion& region) {
   int at = n_listed_;
   while (at > 0 && regions_[static_cast<size_t>(at - 1)].area_px < region.area_px) --at;
   if (at == kMax) return;

@@ -1,11 +1,11 @@
-// Where a glowing skin got brighter: the brightest pixel, and the connected regions above a level.
+// Finds where a glowing skin became brighter: the brightest pixel, and the connected regions above a level.
 //
-//   peak    largest smoothed brightness, the first one in the order of rows
-//   region  4-connected pixels above [skin] level, at least min_area_px of them: area, mean place, mean brightness
+//   peak    largest smoothed brightness; the first one in row order
+//   region  4-connected pixels above [skin] level, at least min_area_px of them: area, mean position, mean brightness
 //
-// As in the paper ("maximum intensity", "region growth", "centroid", "mean light intensity"), but the regions are of the
-// smoothed picture too: noise tears no holes, and openings beside each other that are touched by one finger grow
-// together. Frame thread; no allocation after the constructor.
+// As in the paper ("maximum intensity", "region growth", "centroid", "mean light intensity"), but the regions come from
+// the smoothed picture too: noise tears no holes, and adjacent openings under one finger merge. Frame thread; no
+// allocation after the constructor.
 #pragma once
 
 #include <array>
@@ -41,14 +41,14 @@ class GlowRegions {
   void find(std::span<const int16_t> smoothed);
 
   [[nodiscard]] const GlowPeak& peak() const { return peak_; }
-  // Largest area first.
+  // Sorted by area, largest first.
   [[nodiscard]] std::span<const GlowRegion> regions() const {
     return {regions_.data(), static_cast<size_t>(n_listed_)};
   }
   [[nodiscard]] int n_found() const { return n_found_; }
 
  private:
-  void keep(const GlowRegion& region);
+  void list_by_area(const GlowRegion& region);
 
   int width_px_;
   int height_px_;

@@ -2,7 +2,7 @@
 
 namespace ruffini::kernels {
 
-const Kernels& best() {
+const Kernels& fastest_supported() {
 #if defined(__x86_64__)
   return __builtin_cpu_supports("avx2") ? kAvx2 : kScalar;
 #elif defined(__aarch64__)

@@ -1,5 +1,5 @@
-// The inner loops of the image stages: written once on lanes (lanes_scalar.h), compiled for each processor, chosen
-// at run time. All versions are equal bit for bit.
+// Inner loops of the image stages: written once on lanes (lanes_scalar.h), compiled for each instruction set, selected
+// at run time. All versions are bit-identical.
 #pragma once
 
 #include "image/difference.h"
@@ -20,11 +20,11 @@ struct Kernels {
 };
 
 extern const Kernels kScalar;  // the reference
-// Compiled where the target has them (SIMDe in tests).
+// Compiled for targets that have these instructions, and by SIMDe in tests.
 extern const Kernels kAvx2;
 extern const Kernels kNeon;
 
-// The fastest that this processor runs.
-const Kernels& best();
+// Returns the fastest version that this processor supports.
+const Kernels& fastest_supported();
 
 }  // namespace ruffini::kernels

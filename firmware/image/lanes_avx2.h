@@ -1,4 +1,4 @@
-// Eight lanes of 32-bit integers on AVX2; lanes_scalar.h says what each operation means.
+// Eight lanes of 32-bit integers on AVX2; lanes_scalar.h documents each operation.
 #pragma once
 
 #include <immintrin.h>
@@ -11,7 +11,7 @@ namespace ruffini {
 
 struct Avx2Lanes {
   using V = __m256i;
-  struct Wide {  // of lanes 0, 2, 4, 6 and of lanes 1, 3, 5, 7
+  struct Wide {  // products of lanes 0, 2, 4, 6 and of lanes 1, 3, 5, 7
     __m256i even;
     __m256i odd;
   };
@@ -26,7 +26,7 @@ struct Avx2Lanes {
     const __m128i packed = _mm_packs_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
     _mm_storeu_si128(reinterpret_cast<__m128i*>(at), packed);
   }
-  static V same(int32_t x) { return _mm256_set1_epi32(x); }
+  static V broadcast(int32_t x) { return _mm256_set1_epi32(x); }
 
   static V add(V a, V b) { return _mm256_add_epi32(a, b); }
   static V sub(V a, V b) { return _mm256_sub_epi32(a, b); }
@@ -34,23 +34,23 @@ struct Avx2Lanes {
   static V max(V a, V b) { return _mm256_max_epi32(a, b); }
   static V abs(V a) { return _mm256_abs_epi32(a); }
   static V bit_and(V a, V b) { return _mm256_and_si256(a, b); }
-  static V differ(V a, V b) { return _mm256_add_epi32(_mm256_cmpeq_epi32(a, b), same(1)); }
+  static V not_equal(V a, V b) { return _mm256_add_epi32(_mm256_cmpeq_epi32(a, b), broadcast(1)); }
   template <int kShift>
-  static V left(V a) {
+  static V shift_left(V a) {
     return _mm256_slli_epi32(a, kShift);
   }
-  static V left(V a, int shift) { return _mm256_sll_epi32(a, _mm_cvtsi32_si128(shift)); }
+  static V shift_left(V a, int shift) { return _mm256_sll_epi32(a, _mm_cvtsi32_si128(shift)); }
   template <int kShift>
-  static V right(V a) {
+  static V shift_right(V a) {
     return _mm256_srai_epi32(a, kShift);
   }
-  static V round_right(V a, int shift) {
-    return _mm256_sra_epi32(add(a, same(1 << (shift - 1))), _mm_cvtsi32_si128(shift));
+  static V round_shift_right(V a, int shift) {
+    return _mm256_sra_epi32(add(a, broadcast(1 << (shift - 1))), _mm_cvtsi32_si128(shift));
   }
-  static V times(V a, V b) { return _mm256_mullo_epi32(a, b); }
+  static V mul_low(V a, V b) { return _mm256_mullo_epi32(a, b); }
 
   template <int kStep>
-  static V sum_kept(const int16_t* values, const int16_t* keep) {
+  static V masked_sum(const int16_t* values, const int16_t* keep) {
     const auto kept = [&](int i) { return _mm256_and_si256(load(values + i), load(keep + i)); };
     if constexpr (kStep == 1) {
       return _mm256_and_si256(load_16(values), load_16(keep));
@@ -63,7 +63,7 @@ struct Avx2Lanes {
     } else {
       alignas(32) int32_t sums[kCount];
       for (int i = 0; i < kCount; ++i) {
-        sums[i] = ScalarLanes::sum_kept<kStep>(values + i * kStep, keep + i * kStep);
+        sums[i] = ScalarLanes::masked_sum<kStep>(values + i * kStep, keep + i * kStep);
       }
       return load(sums);
     }
@@ -73,7 +73,7 @@ struct Avx2Lanes {
     return {_mm256_mul_epi32(a, b), _mm256_mul_epi32(_mm256_srli_epi64(a, 32), _mm256_srli_epi64(b, 32))};
   }
   static Wide scale(V a, int32_t c) {
-    return {_mm256_mul_epi32(a, same(c)), _mm256_mul_epi32(_mm256_srli_epi64(a, 32), same(c))};
+    return {_mm256_mul_epi32(a, broadcast(c)), _mm256_mul_epi32(_mm256_srli_epi64(a, 32), broadcast(c))};
   }
   static Wide add_wide(Wide a, Wide b) { return {_mm256_add_epi64(a.even, b.even), _mm256_add_epi64(a.odd, b.odd)}; }
   static Wide add_scaled(Wide sum, V a, int32_t c) {
@@ -87,9 +87,9 @@ struct Avx2Lanes {
     return _mm256_blend_epi32(even, odd, 0xAA);
   }
 
-  static V look_up(const int32_t* table, V index) { return _mm256_i32gather_epi32(table, index, 4); }
+  static V gather(const int32_t* table, V index) { return _mm256_i32gather_epi32(table, index, 4); }
 
-  // Eight vectors: lane i of vector j and lane j of vector i change places.
+  // Transposes eight vectors.
   static void transpose(V* block) {
     V pair[8];
     for (int i = 0; i < 8; i += 2) {
@@ -113,7 +113,7 @@ struct Avx2Lanes {
     const __m128i two = _mm_add_epi32(four, _mm_shuffle_epi32(four, 0x4E));
     return _mm_cvtsi128_si32(_mm_add_epi32(two, _mm_shuffle_epi32(two, 0xB1)));
   }
-  static int32_t largest(V a) {
+  static int32_t max_lane(V a) {
     const __m128i four = _mm_max_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
     const __m128i two = _mm_max_epi32(four, _mm_shuffle_epi32(four, 0x4E));
     return _mm_cvtsi128_si32(_mm_max_epi32(two, _mm_shuffle_epi32(two, 0xB1)));

@@ -1,9 +1,9 @@
-// Four lanes of 32-bit integers on NEON; lanes_scalar.h says what each operation means.
+// Four lanes of 32-bit integers on NEON; lanes_scalar.h documents each operation.
 #pragma once
 
 #if defined(__aarch64__)
 #include <arm_neon.h>
-#else  // tests run this file on other processors, too
+#else  // tests compile this file on other processors, too
 #define SIMDE_ENABLE_NATIVE_ALIASES
 #include <simde/arm/neon.h>
 #endif
@@ -16,7 +16,7 @@ namespace ruffini {
 
 struct NeonLanes {
   using V = int32x4_t;
-  struct Wide {  // of lanes 0, 1 and of lanes 2, 3
+  struct Wide {  // products of lanes 0, 1 and of lanes 2, 3
     int64x2_t low;
     int64x2_t high;
   };
@@ -26,7 +26,7 @@ struct NeonLanes {
   static void store(void* at, V v) { vst1q_s32(static_cast<int32_t*>(at), v); }
   static V load_16(const int16_t* at) { return vmovl_s16(vld1_s16(at)); }
   static void store_16(int16_t* at, V v) { vst1_s16(at, vmovn_s32(v)); }
-  static V same(int32_t x) { return vdupq_n_s32(x); }
+  static V broadcast(int32_t x) { return vdupq_n_s32(x); }
 
   static V add(V a, V b) { return vaddq_s32(a, b); }
   static V sub(V a, V b) { return vsubq_s32(a, b); }
@@ -34,21 +34,21 @@ struct NeonLanes {
   static V max(V a, V b) { return vmaxq_s32(a, b); }
   static V abs(V a) { return vabsq_s32(a); }
   static V bit_and(V a, V b) { return vandq_s32(a, b); }
-  static V differ(V a, V b) { return vaddq_s32(vreinterpretq_s32_u32(vceqq_s32(a, b)), same(1)); }
+  static V not_equal(V a, V b) { return vaddq_s32(vreinterpretq_s32_u32(vceqq_s32(a, b)), broadcast(1)); }
   template <int kShift>
-  static V left(V a) {
+  static V shift_left(V a) {
     return vshlq_n_s32(a, kShift);
   }
-  static V left(V a, int shift) { return vshlq_s32(a, same(shift)); }
+  static V shift_left(V a, int shift) { return vshlq_s32(a, broadcast(shift)); }
   template <int kShift>
-  static V right(V a) {
+  static V shift_right(V a) {
     return vshrq_n_s32(a, kShift);
   }
-  static V round_right(V a, int shift) { return vrshlq_s32(a, same(-shift)); }
-  static V times(V a, V b) { return vmulq_s32(a, b); }
+  static V round_shift_right(V a, int shift) { return vrshlq_s32(a, broadcast(-shift)); }
+  static V mul_low(V a, V b) { return vmulq_s32(a, b); }
 
   template <int kStep>
-  static V sum_kept(const int16_t* values, const int16_t* keep) {
+  static V masked_sum(const int16_t* values, const int16_t* keep) {
     const auto kept = [&](int i) { return vandq_s16(vld1q_s16(values + i), vld1q_s16(keep + i)); };
     if constexpr (kStep == 1) {
       return vandq_s32(load_16(values), load_16(keep));
@@ -59,30 +59,30 @@ struct NeonLanes {
     } else {
       int32_t sums[kCount];
       for (int i = 0; i < kCount; ++i) {
-        sums[i] = ScalarLanes::sum_kept<kStep>(values + i * kStep, keep + i * kStep);
+        sums[i] = ScalarLanes::masked_sum<kStep>(values + i * kStep, keep + i * kStep);
       }
       return vld1q_s32(sums);
     }
   }
 
   static Wide mul(V a, V b) { return {vmull_s32(vget_low_s32(a), vget_low_s32(b)), vmull_high_s32(a, b)}; }
-  static Wide scale(V a, int32_t c) { return mul(a, same(c)); }
+  static Wide scale(V a, int32_t c) { return mul(a, broadcast(c)); }
   static Wide add_wide(Wide a, Wide b) { return {vaddq_s64(a.low, b.low), vaddq_s64(a.high, b.high)}; }
   static Wide add_scaled(Wide sum, V a, int32_t c) {
-    return {vmlal_s32(sum.low, vget_low_s32(a), vdup_n_s32(c)), vmlal_high_s32(sum.high, a, same(c))};
+    return {vmlal_s32(sum.low, vget_low_s32(a), vdup_n_s32(c)), vmlal_high_s32(sum.high, a, broadcast(c))};
   }
   static V narrow(Wide sum, int shift) {
     const int64x2_t right = vdupq_n_s64(-shift);
     return vcombine_s32(vmovn_s64(vrshlq_s64(sum.low, right)), vmovn_s64(vrshlq_s64(sum.high, right)));
   }
 
-  static V look_up(const int32_t* table, V index) {
+  static V gather(const int32_t* table, V index) {
     const int32_t found[kCount] = {table[vgetq_lane_s32(index, 0)], table[vgetq_lane_s32(index, 1)],
                                    table[vgetq_lane_s32(index, 2)], table[vgetq_lane_s32(index, 3)]};
     return vld1q_s32(found);
   }
 
-  // Four vectors: lane i of vector j and lane j of vector i change places.
+  // Transposes four vectors.
   static void transpose(V* block) {
     const int64x2_t a = vreinterpretq_s64_s32(vtrn1q_s32(block[0], block[1]));
     const int64x2_t b = vreinterpretq_s64_s32(vtrn2q_s32(block[0], block[1]));
@@ -94,7 +94,7 @@ struct NeonLanes {
     block[3] = vreinterpretq_s32_s64(vzip2q_s64(b, d));
   }
   static int64_t sum(V a) { return vaddlvq_s32(a); }
-  static int32_t largest(V a) { return vmaxvq_s32(a); }
+  static int32_t max_lane(V a) { return vmaxvq_s32(a); }
 };
 
 }  // namespace ruffini

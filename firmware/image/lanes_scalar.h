@@ -1,8 +1,7 @@
-// One lane of 32-bit integers: the reference of lanes_avx2.h and lanes_neon.h, which do the same to several.
+// One lane of 32-bit integers: the reference for lanes_avx2.h and lanes_neon.h, which process several.
 //
-// A kernel is written once, as a template over the lanes (image/kernels.h). All operations are exact, or round half
-// up as round_shift does, so that every version is equal bit for bit. Callers prove that no sum leaves 32 bits and no
-// Wide 64.
+// A kernel is written once, as a template over the lanes (image/kernels.h). All operations are exact, or round half up
+// as round_shift does, so every version is bit-identical. Callers prove that no sum exceeds 32 bits and no Wide 64.
 #pragma once
 
 #include <algorithm>
@@ -25,8 +24,8 @@ struct ScalarLanes {
   }
   static void store(void* at, V v) { std::memcpy(at, &v, sizeof v); }
   static V load_16(const int16_t* at) { return *at; }
-  static void store_16(int16_t* at, V v) { *at = static_cast<int16_t>(v); }  // the caller has clamped v
-  static V same(int32_t x) { return x; }
+  static void store_16(int16_t* at, V v) { *at = static_cast<int16_t>(v); }  // precondition: v fits 16 bits
+  static V broadcast(int32_t x) { return x; }
 
   static V add(V a, V b) { return a + b; }
   // Modulo 2^32.
@@ -36,24 +35,24 @@ struct ScalarLanes {
   static V abs(V a) { return a < 0 ? -a : a; }
   static V bit_and(V a, V b) { return a & b; }
   // 1 in every lane where a and b differ.
-  static V differ(V a, V b) { return a == b ? 0 : 1; }
+  static V not_equal(V a, V b) { return a == b ? 0 : 1; }
   template <int kShift>
-  static V left(V a) {
+  static V shift_left(V a) {
     return static_cast<V>(static_cast<uint32_t>(a) << kShift);
   }
-  static V left(V a, int shift) { return static_cast<V>(static_cast<uint32_t>(a) << shift); }
+  static V shift_left(V a, int shift) { return static_cast<V>(static_cast<uint32_t>(a) << shift); }
   template <int kShift>
-  static V right(V a) {
+  static V shift_right(V a) {
     return a >> kShift;  // towards minus infinity
   }
   // Half up. Precondition: 1 <= shift <= 30 and a + 2^(shift - 1) fits.
-  static V round_right(V a, int shift) { return (a + (1 << (shift - 1))) >> shift; }
+  static V round_shift_right(V a, int shift) { return (a + (1 << (shift - 1))) >> shift; }
   // Low 32 bits of the product.
-  static V times(V a, V b) { return static_cast<V>(static_cast<uint32_t>(a) * static_cast<uint32_t>(b)); }
+  static V mul_low(V a, V b) { return static_cast<V>(static_cast<uint32_t>(a) * static_cast<uint32_t>(b)); }
 
   // Sum of values & keep over each lane's kStep numbers side by side.
   template <int kStep>
-  static V sum_kept(const int16_t* values, const int16_t* keep) {
+  static V masked_sum(const int16_t* values, const int16_t* keep) {
     V out = 0;
     for (int i = 0; i < kStep; ++i) out += values[i] & keep[i];
     return out;
@@ -67,17 +66,17 @@ struct ScalarLanes {
   // Half up. Precondition: 1 <= shift <= 32 and the result fits 32 bits.
   static V narrow(Wide sum, int shift) { return static_cast<V>(round_shift(sum, shift)); }
 
-  static V look_up(const int32_t* table, V index) { return table[index]; }
+  static V gather(const int32_t* table, V index) { return table[index]; }
   static void transpose(V* /*block: kCount vectors*/) {}
   static int64_t sum(V a) { return a; }
-  static int32_t largest(V a) { return a; }
+  static int32_t max_lane(V a) { return a; }
 };
 
-// v within +-limit; n_held counts the lanes that were not.
+// Clamps v to +-limit and adds the number of clamped lanes to n_clamped.
 template <typename L>
-typename L::V held(typename L::V v, int32_t limit, typename L::V& n_held) {
-  const typename L::V out = L::max(L::min(v, L::same(limit)), L::same(-limit));
-  n_held = L::add(n_held, L::differ(out, v));
+typename L::V clamp_counted(typename L::V v, int32_t limit, typename L::V& n_clamped) {
+  const typename L::V out = L::max(L::min(v, L::broadcast(limit)), L::broadcast(-limit));
+  n_clamped = L::add(n_clamped, L::not_equal(out, v));
   return out;
 }
 

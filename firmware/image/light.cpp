@@ -10,20 +10,20 @@ constexpr int kSamplePx = 8;
 constexpr int kStepX = 16;
 constexpr int kStepY = 8;
 constexpr int kFirst = 4;
-constexpr uint16_t kUsableLow = 16 * 32;  // as where a ratio says little (rest.h)
+constexpr uint16_t kUsableLow = 16 * 32;  // below it a ratio is unreliable (rest.h)
 constexpr uint16_t kUsableHigh = 16 * 220;
-constexpr int kLevelQ12 = 61;  // 1.5 %: three times what a sample of a usual camera has of noise
-constexpr int kNearQ12 = 328;  // 8 %: more than the slopes of half an image, less than a contact's
+constexpr int kLevelQ12 = 61;  // 1.5 %: three times the noise of a sample with a typical camera
+constexpr int kNearQ12 = 328;  // 8 %: more than the slopes of half an image, less than those of a contact
 constexpr int kRounds = 3;
 constexpr int32_t kMaxLevelQ16 = 65'536 / 4;
-constexpr ptrdiff_t kMinOfSide = 4;                    // of its samples
+constexpr ptrdiff_t kMinOfSide = 4;                    // share of its samples
 constexpr int kMaxStepQ12 = 32;                        // 1/128
 constexpr int kStepShift = 8 - 4;                      // Q12 to Q20, a sixteenth
 constexpr int kStillFrames = 16;                       // a quarter of a second at 60 Hz
 constexpr int kStillPxQ16 = 65'536 / 4;                // six times the noise of a marker
 constexpr int kOffStillQ12 = 164;                      // 4 %
 constexpr int kOffAllQ12 = 3 * 246;                    // 6 % of each of three channels
-constexpr int32_t kSettled = Rest::kUnitGain / 4'096;  // four times what noise moves the gain by
+constexpr int32_t kSettled = Rest::kUnitGain / 4'096;  // four times the noise of the gain
 
 PadState state_of(std::span<const Marker> markers) {
   auto state = PadState::kUnknown;
@@ -36,7 +36,7 @@ PadState state_of(std::span<const Marker> markers) {
   return state;
 }
 
-// A row of a sample: bright enough, not full, and without the edge of a dot.
+// True if a row of a sample is bright enough, not saturated, and without the edge of a dot.
 bool is_usable(std::span<const uint16_t> pixels) {
   for (size_t c = 0; c < 3; ++c) {
     uint16_t least = pixels[c];
@@ -110,8 +110,8 @@ LightTracker::Level LightTracker::level_of(size_t channel) {
 
 void LightTracker::measure(const std::array<Level, 3>& start) {
   for (size_t c = 0; c < 3; ++c) level_[c] = start[c].median * 16;
-  level_is_sure_ = true;
-  for (int round = 0; round < kRounds && level_is_sure_; ++round) {
+  is_level_reliable_ = true;
+  for (int round = 0; round < kRounds && is_level_reliable_; ++round) {
     std::array<int64_t, 3> sum{};
     int64_t n = 0;
     for (size_t i = 0; i < n_samples_; ++i) {
@@ -120,19 +120,19 @@ void LightTracker::measure(const std::array<Level, 3>& start) {
       for (size_t c = 0; c < 3; ++c) sum[c] += sample_[c][i];
       ++n;
     }
-    level_is_sure_ = 8 * n >= static_cast<int64_t>(n_samples_);
-    for (size_t c = 0; c < 3 && level_is_sure_; ++c)
+    is_level_reliable_ = 8 * n >= static_cast<int64_t>(n_samples_);
+    for (size_t c = 0; c < 3 && is_level_reliable_; ++c)
       level_[c] = static_cast<int32_t>(floor_div(32 * sum[c] + n, 2 * n));
   }
   for (int32_t& m : level_) {
-    level_is_sure_ = level_is_sure_ && std::abs(m) <= kMaxLevelQ16;
+    is_level_reliable_ = is_level_reliable_ && std::abs(m) <= kMaxLevelQ16;
     m = std::clamp(m, -kMaxLevelQ16, kMaxLevelQ16);
   }
 }
 
 void LightTracker::run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest) {
   is_off_ = false;
-  level_is_sure_ = false;
+  is_level_reliable_ = false;
   level_.fill(0);
   if (n_samples_ == 0) return;
   sample(change);
@@ -202,7 +202,7 @@ bool LightTracker::is_lit_from_one_side() { return is_brighter(kLeft, kRight) ||
 void LightTracker::follow(const std::array<Level, 3>& level) {
   for (size_t c = 0; c < 3; ++c) {
     const int step = std::clamp(level[c].median, -kMaxStepQ12, kMaxStepQ12) * (1 << kStepShift);
-    gain_[c] = Rest::limited(gain_[c] + step);
+    gain_[c] = Rest::clamp_gain(gain_[c] + step);
   }
 }
 

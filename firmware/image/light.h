@@ -1,21 +1,22 @@
-// Drift of lamps and exposure: one gain per channel, followed while nothing touches.
+// Follows the drift of lamps and exposure: one gain per channel, updated while nothing touches the pad.
 //
-//   sample = mean of d over 8 x 2 pixels, one per 16 x 8; m = median of a channel's samples
-//   level:   at least 7/8 of the samples of every channel within 1.5 % of its m
-//   still:   level, and no marker further than 1/4 px from its rest
-//   gain_c += gain of Q20: clamp(m_c, +-1/128) / 16 a frame, after 16 still frames in a row; 0.75 <= gain <= 1.25
+//   sample = mean of d over 8 x 2 pixels, one for each 16 x 8; m = median of a channel's samples
+//   level:   at least 7/8 of the samples of every channel are within 1.5 % of its m
+//   still:   level, and no marker is more than 1/4 px from its rest position
+//   gain_c += gain of Q20: clamp(m_c, +-1/128) / 16 per frame, after 16 still frames in a row; 0.75 <= gain <= 1.25
 //
-//   then the map of each channel over the picture (image/light_map.h)
+// The map of each channel over the picture follows (image/light_map.h).
 //
-// Three numbers hold no contact's shape, and what moves a marker or shades an eighth of the picture stops them: a held
-// contact is never learned. At 60 Hz they follow 2.9 % a second. `is_off`: the light is not what the calibration saw and
-// not yet followed: untouched by more than 4 %, else (half of the samples level) by more than 6 % over all channels,
-// which no slope of the surface makes: it takes from one lamp what it gives to another; or a sixth of the samples is not
-// level while the markers are at rest, as where part of a lamp fails.
+// Three numbers cannot follow a contact's shape, and a moved marker or a shaded eighth of the picture stops them: a
+// static contact is never learned. At 60 Hz they follow 2.9 % per second. `is_off`: the light differs from the
+// calibration's and has not been followed yet. That is the case beyond 4 % on an untouched pad; otherwise (half of the
+// samples level) beyond 6 % summed over all channels, which no slope of the surface causes, because it takes from one
+// lamp what it gives to another; or if a sixth of the samples is not level while the markers are at rest, as when part
+// of a lamp fails.
 //
-// The level is what one frame alone says, for cameras that set their white or exposure anew under every touch: mean of
-// the samples within 8 % of it in all three channels, three rounds from the medians on. The calibration says whether
-// it counts (`photometric.balance`): a contact that shades most of the picture would move it.
+// The level is computed from one frame alone, for cameras that change white balance or exposure with every touch: mean
+// of the samples within 8 % of it in all three channels, three rounds starting from the medians. The calibration states
+// whether it is used (`photometric.balance`): a contact that shades most of the picture would shift it.
 //
 // Frame thread; no allocation after the constructor. Not in the papers.
 #pragma once
@@ -33,34 +34,36 @@
 
 namespace ruffini {
 
-using LightLevel = std::array<int32_t, 3>;  // relative change of B, G and R that a frame's light makes, Q16
+using LightLevel = std::array<int32_t, 3>;  // relative change of B, G and R due to a frame's light, Q16
 
 class LightTracker {
  public:
   LightTracker(int width_px, int height_px);
 
-  // A new rest image is in force: selects the usable samples. Without a map only the gain is followed, for boards that
-  // do not turn colours into depth: on these a tray that tilts under a load looks like lamps that drift.
+  // Sets a new rest image and selects the usable samples. Without a map only the gain is followed, for boards that do
+  // not convert colours to depth: there a tray that tilts under load looks like drifting lamps.
   void learn(std::span<const uint16_t> rest, bool has_map);
-  // `change`: planes of B, G and R against `rest`, whose gain this sets when it has moved by 1/4096, and its map.
+  // `change`: planes of B, G and R relative to `rest`. Updates the gain of `rest` if it has moved by 1/4096, and its
+  // map.
   void run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest);
 
   [[nodiscard]] bool is_off() const { return is_off_ || map_.is_off(); }
   [[nodiscard]] const LightMap& map() const { return map_; }
-  // An eighth of the samples are brighter by more than this in all three channels, beyond `level`. Where lamps of three colours stand
-  // apart, no slope of the surface does that: it takes from one what it gives to another.
-  // 2.5 %: a large object on a real pad does that to 1 sample in 17, presses on the twin to 1 in 100.
+  // Returns true if an eighth of the samples exceed `level` by more than this in all three channels. With lamps of
+  // three colours at different sides, no slope of the surface does that: it takes from one lamp what it gives to
+  // another. 2.5 %: a large object on a real pad raises 1 sample in 17 so far, presses on the twin 1 in 100.
   static constexpr int kDaylightQ12 = 102;
-  static constexpr int kTiltedQ12 = 328;  // 8 %: what carries the pad may come nearer to all lamps
+  static constexpr int kTiltedQ12 = 328;  // 8 %: the carrier of the pad may come closer to all lamps
   [[nodiscard]] bool is_lit_from_outside(int more_q12, const LightLevel& level) const;
-  // The median of the samples in one outer third of the picture is above that in the opposite one by more than 2 % in all
-  // three channels. No contact does that that leaves half of each third alone (presses on the twin 0.9 %, recorded ones
-  // on a real pad 0.7 %), and no camera that sets its white. Not for skins that darken with depth.
+  // Returns true if the median of the samples in one outer third of the picture exceeds that in the opposite third by
+  // more than 2 % in all three channels. No contact that leaves half of each third free causes this (presses on the
+  // twin 0.9 %, recorded ones on a real pad 0.7 %), nor does a camera's white balance. Not for skins that darken with
+  // depth.
   static constexpr int kSideQ12 = 82;
   [[nodiscard]] bool is_lit_from_one_side();
-  // Of the last frame; unsure where fewer than an eighth of the samples agree, or by more than 25 %.
+  // Level of the last frame. Unreliable if fewer than an eighth of the samples agree, or beyond 25 %.
   [[nodiscard]] const LightLevel& level() const { return level_; }
-  [[nodiscard]] bool level_is_sure() const { return level_is_sure_; }
+  [[nodiscard]] bool is_level_reliable() const { return is_level_reliable_; }
   [[nodiscard]] const Rest::Gain& gain() const { return gain_; }
 
  private:
@@ -79,12 +82,12 @@ class LightTracker {
   int width_px_;
   int height_px_;
   std::vector<int32_t> sample_at_;              // first pixel of each usable sample
-  std::vector<uint8_t> side_;                   // outer thirds that each is in: sum of Side
+  std::vector<uint8_t> side_;                   // outer thirds that contain each sample: sum of Side
   std::array<std::vector<int16_t>, 3> sample_;  // per channel
   std::vector<int16_t> sorted_;
   size_t n_samples_ = 0;
   LightLevel level_{};
-  bool level_is_sure_ = false;
+  bool is_level_reliable_ = false;
   int n_still_ = 0;  // frames in a row
   bool is_off_ = false;
   Rest::Gain gain_;

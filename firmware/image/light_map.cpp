@@ -11,22 +11,22 @@ namespace {
 constexpr int kOrder = 4;
 constexpr int64_t kOneQ12 = 4'096;
 constexpr int kSampleWidthPx = 8;
-constexpr int64_t kWeakestShare = 256;     // of a term's square that the samples must tell, 1/n of that of a constant
+constexpr int64_t kWeakestShare = 256;     // minimum of a term's square over the samples, as 1/n of the constant's
 constexpr int32_t kMaxChangeQ16 = 16'384;  // a quarter
 constexpr int32_t kWideQ16 = 983;          // 1.5 %
 constexpr int32_t kGateQ16 = 328;          // 0.5 %: one and a half times the noise of a sample in a dark corner of rest
 constexpr int32_t kEdgeQ16 = 655;          // 1 %: three times that
-constexpr size_t kOutShare = 32;           // one sample of so many may be beyond that
+constexpr size_t kOutShare = 32;           // at most one of this many samples may exceed kEdgeQ16
 constexpr int kRounds = 3;
-constexpr int64_t kMaxStepQ24 = 4'096;                   // 1/4096 a window
-constexpr int kStepShift = 2;                            // a quarter of what is found
+constexpr int64_t kMaxStepQ24 = 4'096;                   // 1/4096 per window
+constexpr int kStepShift = 2;                            // a quarter of the fitted change
 constexpr int kRateShift = 6;                            // a 64th: 17 s at 60 Hz
-constexpr int kRateDecayShift = 8;                       // gone in 68 s at 60 Hz, as warming lamps do
+constexpr int kRateDecayShift = 8;                       // decays in 68 s at 60 Hz, like warming lamps
 constexpr int64_t kMaxCoefficientQ24 = 1 << 21;          // an eighth
 constexpr int64_t kStaleQ32 = (int64_t{1} << 32) / 100;  // 1 %
 constexpr int64_t kFarQ16 = 262;                         // 0.4 %: four times the lag at the largest step
-constexpr int64_t kUnlikeQ16 = 655;  // 1 %: touches too faint to move a marker make 0.35 % on the twin
-constexpr int32_t kSettled = Rest::kUnitGain / 2'048;  // four times what noise moves a corner by
+constexpr int64_t kUnlikeQ16 = 655;  // 1 %: touches too faint to move a marker cause 0.35 % on the twin
+constexpr int32_t kSettled = Rest::kUnitGain / 2'048;  // four times the noise of a corner
 
 // P_0 to P_4 at u, all Q14.
 std::array<int64_t, kOrder + 1> legendre(int64_t u) {
@@ -36,7 +36,7 @@ std::array<int64_t, kOrder + 1> legendre(int64_t u) {
   return {kOne, u, (3 * u2 - kOne) >> 1, round_shift(u * (5 * u2 - 3 * kOne), 15), (35 * u4 - 30 * u2 + 3 * kOne) >> 3};
 }
 
-// Of twice a pixel's place on an axis of n pixels: -1 to 1 from the first to the last, Q14.
+// Maps twice a pixel's position on an axis of n pixels to -1..1 from the first to the last pixel, Q14.
 int64_t place(int64_t twice_px, int n) {
   return std::clamp<int64_t>(floor_div((twice_px - (n - 1)) * 16'384, n - 1), -16'384, 16'384);
 }
@@ -92,7 +92,7 @@ void LightMap::learn(std::span<const int32_t> sample_at) {
   in_force_ = factor_;
 }
 
-// Modified Gram and Schmidt: the terms before are orthogonal already.
+// Modified Gram-Schmidt: the earlier terms are orthogonal already.
 void LightMap::orthogonalise(size_t term) {
   const auto q = basis(term);
   for (size_t before = 0; before < term; ++before) {
@@ -133,7 +133,7 @@ bool LightMap::run(const Samples& sample, PadState pad, bool is_gain_followed, R
   return true;
 }
 
-// The polynomial nearest to a channel's samples, Q24; marks what is beyond the gate.
+// Fits the polynomial to a channel's samples, Q24, and marks the samples beyond the gate.
 void LightMap::fit(size_t channel, Terms& a) {
   static_assert(kWindowFrames == 16);  // sums of Q12 are means in Q16
   auto& r = sum_[channel];
@@ -198,7 +198,7 @@ void LightMap::follow(const std::array<Terms, 3>& a, bool is_gain_followed, Rest
         step = int64_t{gain[c] - gain_before_[c]} * 16;
         is_steady = std::abs(step) <= kMaxStepQ24;
       } else {
-        gain[c] = Rest::limited(gain[c] + (step >> 4));
+        gain[c] = Rest::clamp_gain(gain[c] + (step >> 4));
       }
       if (is_steady) rate_[c][k] += (step * 256 - rate_[c][k]) >> kRateShift;
       is_at_limit_ = is_at_limit_ || std::abs(coefficient_[c][k]) > kMaxCoefficientQ24;
@@ -218,7 +218,7 @@ void LightMap::extrapolate(Rest::Gain& gain) {
       if (k > 0) {
         coefficient_[c][k] = std::clamp(coefficient_[c][k] + step, -kMaxCoefficientQ24, kMaxCoefficientQ24);
       } else {
-        gain[c] = Rest::limited(gain[c] + (extrapolated_[c][k] >> 12) - (before >> 12));
+        gain[c] = Rest::clamp_gain(gain[c] + (extrapolated_[c][k] >> 12) - (before >> 12));
       }
       is_stale_ = is_stale_ || std::abs(extrapolated_[c][k]) > kStaleQ32;
     }
@@ -232,7 +232,7 @@ void LightMap::make_factors() {
     for (size_t i = 0; i < n; ++i) {
       int64_t sum = 0;
       for (size_t k = 1; k < kTerms; ++k) sum += coefficient_[c][k] * basis(k)[kMaxSamples + i];
-      factor_[c * n + i] = Rest::limited(Rest::kUnitGain + round_shift(sum, 16));
+      factor_[c * n + i] = Rest::clamp_gain(Rest::kUnitGain + round_shift(sum, 16));
     }
   }
 }

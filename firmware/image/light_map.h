@@ -1,4 +1,5 @@
-// Drift of the lamps over the picture: a polynomial of order four per channel, in addition to the gain of image/light.h.
+// Drift of the lamps over the picture: a polynomial of order four per channel, in addition to the gain of
+// image/light.h.
 //
 //   q_k = products of Legendre polynomials of x and y, of total order <= 4, made orthogonal over the usable samples
 //   every 16 frames without a marker off its rest: r = mean of the samples, relative to the map in force
@@ -8,14 +9,14 @@
 //   smooth:  c_k += clamp(a_k / 4, +-2^-12), and the rate v_k follows that step by a 64th
 //   else:    c_k += v_k, v_k -= v_k / 256: the lamps go on as before the contact
 //
-// A contact has edges that no polynomial of order four can follow: the samples that it shades are excluded from the fit,
-// and if they are more than a 32nd of all samples, nothing is learned. During a contact only the rate from before it
-// counts. The constant term belongs to the gain; it is taken from the fit while no single frame is level.
+// A contact has edges that no polynomial of order four can follow: the samples that it shades are excluded from the
+// fit, and if they are more than a 32nd of all samples, nothing is learned. During a contact only the rate from before
+// it counts. The constant term belongs to the gain; it is taken from the fit while no single frame is level.
 //
 // `is_off`, any of:
-//   far       a smooth fit differs by more than 0.4 % from its level. With markers at rest the map follows, and the flag
-//             ends once it has. Without markers the change could be a large smooth object: it is not followed, and the flag
-//             stays until rest is learned again.
+//   far       a smooth fit differs by more than 0.4 % from its level. With markers at rest the map follows, and the
+//             flag ends once it has. Without markers the change could be a large smooth object: it is not followed, and
+//             the flag stays until rest is learned again.
 //   unlike    markers are at rest, but the change is not smooth and its fit exceeds 1 %: a failed lamp or a shadow.
 //   at limit  a coefficient is at 1/8.
 //   stale     the extrapolation since the last smooth window is beyond 1 %.
@@ -74,7 +75,7 @@ class LightMap {
   size_t term_size_;            // values of a term: samples, then nodes
   std::vector<size_t> sample_;  // which of the samples are used
   std::vector<int16_t> basis_;
-  Terms square_{};  // sum of q_k^2 over the samples, Q24; 0: the samples do not tell this term
+  Terms square_{};  // sum of q_k^2 over the samples, Q24; 0: the samples do not determine this term
   size_t n_samples_ = 0;
 
   int n_frames_ = 0;  // of this window
@@ -90,7 +91,7 @@ class LightMap {
   std::array<Terms, 3> extrapolated_{};  // since the last smooth window, Q32
   Rest::Gain gain_before_ = Rest::unit_gain();
   std::vector<int32_t> factor_;    // planes of B, G and R
-  std::vector<int32_t> in_force_;  // what run() was last true for
+  std::vector<int32_t> in_force_;  // values when run() last returned true
   bool is_far_ = false;
   bool is_at_limit_ = false;
   bool is_stale_ = false;

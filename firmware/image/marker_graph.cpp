@@ -7,7 +7,7 @@
 namespace ruffini {
 namespace {
 
-// Is a third marker inside the circle that has i-j as its diameter?
+// True if a third marker is inside the circle with diameter i-j.
 bool is_parted(std::span<const ImagePoint> rest, std::span<const uint8_t> is_there, size_t i, size_t j) {
   const int64_t apart2 = distance2(rest[i], rest[j]);
   for (size_t k = 0; k < rest.size(); ++k) {
@@ -101,7 +101,7 @@ void MarkerGraph::connect(std::span<const ImagePoint> rest, std::span<const uint
     nodes_[i] = Node{};
     if (is_there[i] != 0) find_nearest(rest, is_there, i);
   }
-  // `around` holds, for now, those of `beside` that hold this marker too.
+  // At this point `around` holds the neighbours that list this marker in their `beside`, too.
   for (size_t i = 0; i < nodes_.size(); ++i) {
     for (const int j : nodes_[i].beside.view()) {
       const std::span<const int> back = nodes_[static_cast<size_t>(j)].beside.view();

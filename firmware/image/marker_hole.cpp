@@ -27,7 +27,8 @@ bool has_hole(std::span<const Marker> markers, GridSize size, int width_px, int 
   for (int j = 1; j + 1 < size.n_y; ++j) {
     for (int i = 1; i + 1 < size.n_x; ++i) {
       if (!is_bad(i, j)) continue;
-      // Every 3 x 3 with this one in its upper left, upper middle, or upper right: the first bad one by rows is in its top.
+      // Checks every 3 x 3 that has this marker in its upper left, centre or right: the first bad one in row order is
+      // in the top row.
       for (int left = std::max(i - 2, 1); left <= i; ++left) {
         int n = 0;
         for (int y = j; y <= std::min(j + 2, size.n_y - 2); ++y) {

@@ -1,10 +1,10 @@
-// Where the coating of a pad is torn off, or hidden, its light means no depth; printed markers tell by going together.
+// Detects torn or hidden coating, where light does not indicate depth, by printed markers that are lost together.
 //
-//   bad: lost, or of a quality below 40 (0.23 px off), and expected more than half a pitch inside the picture
-//   hole: four bad markers among 3 x 3 of the lattice, without those on its border
+//   bad: lost, or of a quality below 40 (0.23 px off), while expected more than half a pitch inside the picture
+//   hole: four bad markers within 3 x 3 of the lattice, not counting its border
 //
-// Presses on the twin up to 1.2 mm deep and sheared by 0.5 mm make at most two, the recorded video of a real pad sheared
-// by two pitches three. Single markers under dirt are filled from their neighbours, and do no harm. For lattices of
+// Presses on the twin up to 1.2 mm deep and sheared by 0.5 mm cause at most two, the recorded video of a real pad
+// sheared by two pitches three. Single markers under dirt are harmless: their neighbours fill them. For lattices of
 // printed markers in one view. Frame thread; no allocation. Not in the papers.
 #pragma once
 
@@ -14,7 +14,7 @@
 
 namespace ruffini {
 
-// `markers`: size.count() of them, by rows.
+// `markers`: size.count() of them, row by row.
 [[nodiscard]] bool has_hole(std::span<const Marker> markers, GridSize size, int width_px, int height_px);
 
 }  // namespace ruffini

@@ -60,7 +60,7 @@ MarkerInterpolation::Taps MarkerInterpolation::taps(int64_t position_q16, int n_
     out.weight[1] -= w[3];
     out.weight[3] = 0;
   }
-  // What rounding lost goes to the nearer line, so that a constant stays constant.
+  // Rounding errors go to the nearer line, so that a constant stays constant.
   out.weight[t < one / 2 ? 1 : 2] += one - (out.weight[0] + out.weight[1] + out.weight[2] + out.weight[3]);
   return out;
 }

@@ -1,12 +1,13 @@
-// From markers to the observed nodes: sixteen markers and their weights for each node, laid when rest is learned.
+// Interpolates from markers to the observed nodes: sixteen markers and their weights for each node, computed when rest
+// is learned.
 //
-//   lattice    Catmull-Rom along each axis, linear beyond the outermost markers (at most one pitch). Where a node is on
-//              the lattice, (a, b) in pitches, follows from the markers' real rest places, not from the board's:
+//   lattice    Catmull-Rom along each axis, linear beyond the outermost markers (at most one pitch). A node's position
+//              on the lattice, (a, b) in pitches, follows from the markers' measured rest positions, not the board's:
 //              kPlaceRounds times  a += (X_node - X(a, b)) / pitch,  X(a, b) interpolated likewise
 //   scattered  moving least squares (image/scattered_weights.h) over the nearest markers
 //
-// A node is filled where the markers lost or absent, whose displacement is their neighbours' mean, have at least half of
-// it: sum of their |weights| >= 1/2. The weights' plain sum is 1, so the rest knows little.
+// A node is filled if markers without a displacement of their own (lost or absent, filled from neighbours) have at
+// least half of its weight: sum of their |weights| >= 1/2, where all weights sum to 1.
 // Frame thread; no allocation after the constructor.
 #pragma once
 
@@ -20,13 +21,13 @@
 
 namespace ruffini {
 
-// From the pad's centre, 1/8 um.
+// Position relative to the pad's centre, 1/8 um.
 struct PadPoint {
   int64_t x = 0;
   int64_t y = 0;
 };
 
-// Weights Q28, whose sum is 1; unused ones are zero.
+// Weights in Q28 with a sum of 1; unused ones are zero.
 struct MarkerWeights {
   static constexpr size_t kCount = 16;
   std::array<int, kCount> marker{};
@@ -37,15 +38,15 @@ class MarkerInterpolation {
  public:
   explicit MarkerInterpolation(const BoardSettings& board);
 
-  // `rest` is where the markers rest on the pad.
+  // `rest`: rest positions of the markers on the pad.
   void learn(std::span<const PadPoint> rest, std::span<const Marker> markers);
 
-  // sum over the node's markers of weight value(marker), rounded to the value's own unit.
+  // Returns the sum over the node's markers of weight value(marker), rounded to the unit of the value.
   template <typename Value>
   [[nodiscard]] int64_t at(size_t node, Value value) const {
     return round_shift(sum(weights_[node], value), 28);
   }
-  // 1 for each node that is filled, else 0; `is_missing`: not 0 for each marker without a displacement of its own.
+  // Sets 1 for each filled node, else 0. `is_missing`: nonzero for each marker without a displacement of its own.
   void mark_filled(std::span<const uint8_t> is_missing, std::span<uint8_t> is_filled) const;
 
   [[nodiscard]] GridSize nodes() const { return nodes_; }
@@ -57,7 +58,7 @@ class MarkerInterpolation {
     std::array<int, 4> line{};
     std::array<int64_t, 4> weight{};
   };
-  static constexpr int kPlaceRounds = 8;  // the pitch is right within 30 %: 0.3^8 of a pitch remains
+  static constexpr int kPlaceRounds = 8;  // the pitch is accurate to 30 %: 0.3^8 of a pitch remains
 
   template <typename Value>
   static int64_t sum(const MarkerWeights& weights, Value value) {

@@ -3,25 +3,25 @@
 #include <algorithm>
 #include <numeric>
 
-#include "image/marker_grade.h"
+#include "image/marker_quality.h"
 namespace ruffini {
 namespace {
 
 int64_t px_q16(int64_t mpx) { return floor_div(mpx * 65536 + 500, 1000); }
 
-// Pixels, Q16, of a length in the undeformed surface.
+// Converts a length in the undeformed surface to pixels, Q16.
 int64_t length_q16(const CameraSettings& camera, int64_t um) {
   return floor_div(um * camera.focal_mpx * 65536, camera.standoff_um * 1000);
 }
 
-// At least the square root, Q16 px; lengths stay below 2^30.
+// Upper bound of the square root, Q16 px; lengths stay below 2^30.
 int64_t gate_of(int64_t gate2) {
   int64_t gate = 1;
   while (gate * gate < gate2) gate *= 2;
   return gate;
 }
 
-// Markers of the shorter side; of those of a view, all counted in one row, of a square of as many.
+// Number of markers along the shorter side. The markers of a view are listed in one row, so a square of as many counts.
 int row_of(GridSize size) {
   if (size.n_y > 1) return std::min(size.n_x, size.n_y);
   int row = 1;
@@ -29,8 +29,8 @@ int row_of(GridSize size) {
   return row;
 }
 
-constexpr int kRings = 16;              // of neighbours that lead to a marker
-constexpr int64_t kApartWeight = 16;    // neighbours that part, over the same motion of one marker
+constexpr int kRings = 16;            // of neighbours that predict a marker
+constexpr int64_t kApartWeight = 16;  // weight of differences between neighbours, relative to the motion of one marker
 constexpr int64_t kMissingWeight = 16;  // pitches squared
 constexpr int64_t kLeftWeight = 8;      // pitches squared
 constexpr int kDoubtPercent = 33;       // of the pitch
@@ -57,7 +57,7 @@ MarkerTracker::MarkerTracker(const BoardSettings& board)
       graph_(size_),
       is_scattered_(board.markers.is_scattered),
       is_listed_(!board.markers.is_scattered || !board.markers.places.empty()) {
-  many_left_ = row_of(size_);
+  many_unmatched_ = row_of(size_);
   const CameraSettings& camera = board.camera;
   const int64_t pitch = length_q16(camera, std::min(board.markers.pitch_x_um, board.markers.pitch_y_um));
   const auto squared_share = [pitch](int64_t percent) { return (pitch * percent / 100) * (pitch * percent / 100); };
@@ -91,7 +91,7 @@ MarkerTracker::MarkerTracker(const BoardSettings& board)
   if (is_listed_ && n > 0) place_nominal(board);
 }
 
-// Lattice or list, as seen from the board's camera, and the markers that growth may begin with.
+// Nominal positions of the lattice or list in the board's camera, and the markers that growth may start from.
 void MarkerTracker::place_nominal(const BoardSettings& board) {
   const MarkerSettings& m = board.markers;
   const CameraSettings& camera = board.camera;
@@ -115,7 +115,7 @@ void MarkerTracker::place_nominal(const BoardSettings& board) {
   for (int& seed : seeds_) seed = take_middle(nominal_, known_);
 }
 
-// Mutual nearest neighbours within the gate, among open markers and dots not taken.
+// Matches mutual nearest neighbours within the gate, among open markers and dots that are not taken.
 void MarkerTracker::match(std::span<const Dot> dots, int64_t gate2) {
   const int64_t reach = gate_of(gate2);
   std::fill(dot_of_marker_.begin(), dot_of_marker_.end(), Nearest{-1, gate2});
@@ -144,7 +144,7 @@ void MarkerTracker::match(std::span<const Dot> dots, int64_t gate2) {
   }
 }
 
-// The nearest free dot closer than sqrt(limit2) to `place`; -1 = none.
+// Index of the nearest free dot closer than sqrt(limit2) to `place`; -1: none.
 int MarkerTracker::nearest_free(std::span<const Dot> dots, const Point& place, int64_t limit2) const {
   int best = -1;
   for (size_t j = 0; j < dots.size(); ++j) {
@@ -158,7 +158,7 @@ int MarkerTracker::nearest_free(std::span<const Dot> dots, const Point& place, i
   return best;
 }
 
-// Each dot is a marker, as many as there is room for; places left over lie outside the picture.
+// Each dot becomes a marker while there is room; unused places lie outside the picture.
 int MarkerTracker::take_all(std::span<const Dot> dots) {
   const size_t n = std::min(dots.size(), markers_.size());
   for (size_t i = 0; i < markers_.size(); ++i) {
@@ -175,8 +175,8 @@ int MarkerTracker::take_all(std::span<const Dot> dots) {
   return static_cast<int>(n);
 }
 
-// Assigns dots outwards from `seed`: each neighbour is looked for one nominal step from a marker that
-// has its dot. Number of markers found.
+// Assigns dots outwards from `seed`: each neighbour is expected one nominal step from a marker that has its dot.
+// Returns the number of markers found.
 int MarkerTracker::grow(std::span<const Dot> dots, int seed) {
   std::fill(dot_of_marker_.begin(), dot_of_marker_.end(), Nearest{-1, 0});
   std::fill(is_dot_taken_.begin(), is_dot_taken_.end(), uint8_t{0});
@@ -203,7 +203,7 @@ int MarkerTracker::grow(std::span<const Dot> dots, int seed) {
 
 int MarkerTracker::learn(std::span<const Dot> dots) {
   if (!is_listed_) return take_all(dots);
-  // The seed decides which dot is which; one of the middle markers may have no dot, or dust for one.
+  // The seed decides the assignment, and a central marker may have no dot, or dust instead of one.
   int best_seed = seeds_[0];
   int best_found = 0;
   for (const int seed : seeds_) {
@@ -214,7 +214,7 @@ int MarkerTracker::learn(std::span<const Dot> dots) {
     }
   }
   grow(dots, best_seed);
-  Point shift{0, 0};  // mean over the markers found, for the places of the absent ones
+  Point shift{0, 0};  // mean over the markers found, for the positions of the absent ones
   for (int n = 0; n < best_found; ++n) {
     const int i = queue_[static_cast<size_t>(n)];
     const Dot& dot = dots[static_cast<size_t>(dot_of_marker_[static_cast<size_t>(i)].index)];
@@ -246,7 +246,7 @@ void MarkerTracker::expect_with_neighbours() {
   }
 }
 
-// Gives every open marker its matched dot. How many.
+// Gives every open marker its matched dot. Returns their number.
 int MarkerTracker::accept(std::span<const Dot> dots) {
   int n_accepted = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
@@ -265,9 +265,9 @@ int MarkerTracker::accept(std::span<const Dot> dots) {
   return n_accepted;
 }
 
-// Assigns dots around rest + start(marker), to all or only to `seed`, then where the neighbours went.
+// Assigns dots around rest + start(marker), to all markers or only to `seed`, then along the neighbours' motion.
 template <typename Start>
-void MarkerTracker::look(std::span<const Dot> dots, Start start, int64_t gate2, int seed) {
+void MarkerTracker::follow(std::span<const Dot> dots, Start start, int64_t gate2, int seed) {
   std::fill(is_led_.begin(), is_led_.end(), seed < 0 ? uint8_t{1} : uint8_t{0});
   if (seed >= 0) is_led_[static_cast<size_t>(seed)] = 1;
   std::fill(is_dot_taken_.begin(), is_dot_taken_.end(), uint8_t{0});
@@ -283,7 +283,8 @@ void MarkerTracker::look(std::span<const Dot> dots, Start start, int64_t gate2, 
   match(dots, gate2);
   int n_found = accept(dots);
   auto n_known = n_found;
-  // Where neighbours lead, the tight gate comes first: what it finds leads further. On a lattice the wide one ends it.
+  // For markers led by neighbours, the tight gate comes first, because its matches predict further ones. On a lattice
+  // the wide gate follows.
   bool is_wide = n_found == 0;
   const int n_rings = is_scattered_ ? size_.count() : kRings;
   for (int ring = 0; ring < n_rings && n_known > 0 && n_known < n_open; ++ring) {
@@ -296,9 +297,9 @@ void MarkerTracker::look(std::span<const Dot> dots, Start start, int64_t gate2, 
   }
 }
 
-// Sums stay below 2^62: displacements are at most 2^21 in Q8, markers 4,096.
-MarkerTracker::Verdict MarkerTracker::judge(size_t n_dots) const {
-  Verdict verdict;
+// Sums stay below 2^62: displacements are at most 2^21 in Q8, and there are at most 4,096 markers.
+MarkerTracker::AssignmentCost MarkerTracker::assess(size_t n_dots) const {
+  AssignmentCost assignment;
   const auto apart2 = [&](size_t i, size_t j) {
     if (known_[i] == 0 || known_[j] == 0) return int64_t{0};
     const int64_t x = (markers_[i].displacement_x.raw() - int64_t{markers_[j].displacement_x.raw()}) >> 8;
@@ -309,28 +310,30 @@ MarkerTracker::Verdict MarkerTracker::judge(size_t n_dots) const {
     for (const int neighbour : graph_.beside(i)) {
       const auto j = static_cast<size_t>(neighbour);
       const int64_t apart = j > i ? apart2(i, j) : 0;  // each pair once
-      verdict.cost += kApartWeight * apart;
-      verdict.widest2 = std::max(verdict.widest2, apart);
+      assignment.cost += kApartWeight * apart;
+      assignment.widest2 = std::max(assignment.widest2, apart);
     }
     if (known_[i] != 0) {
       const int64_t x = markers_[i].displacement_x.raw() >> 8;
       const int64_t y = markers_[i].displacement_y.raw() >> 8;
-      verdict.cost += x * x + y * y;
-      ++verdict.n_known;
+      assignment.cost += x * x + y * y;
+      ++assignment.n_known;
     } else if (is_open_[i] != 0) {
       const Point& at = expected_[i];
-      verdict.n_missing +=
+      assignment.n_missing +=
           static_cast<int>(at.x >= edge_ && at.y >= edge_ && at.x < view_.x - edge_ && at.y < view_.y - edge_);
     }
   }
-  verdict.n_left = static_cast<int>(n_dots) - verdict.n_known;
-  verdict.cost += pitch_q8_ * pitch_q8_ * (kMissingWeight * verdict.n_missing + kLeftWeight * verdict.n_left);
-  return verdict;
+  assignment.n_unmatched = static_cast<int>(n_dots) - assignment.n_known;
+  assignment.cost +=
+      pitch_q8_ * pitch_q8_ * (kMissingWeight * assignment.n_missing + kLeftWeight * assignment.n_unmatched);
+  return assignment;
 }
 
-bool MarkerTracker::is_doubtful(const Verdict& verdict) const {
+bool MarkerTracker::is_ambiguous(const AssignmentCost& assignment) const {
   const int64_t limit2 = pitch_q8_ * pitch_q8_ * (kDoubtPercent * kDoubtPercent) / 10'000;
-  if (verdict.n_missing > 0 || verdict.widest2 > limit2 || 2 * verdict.n_left >= many_left_) return true;
+  if (assignment.n_missing > 0 || assignment.widest2 > limit2 || 2 * assignment.n_unmatched >= many_unmatched_)
+    return true;
   for (size_t i = 0; i < markers_.size(); ++i) {
     const int64_t x = (markers_[i].displacement_x.raw() - last_[i].x) >> 8;
     const int64_t y = (markers_[i].displacement_y.raw() - last_[i].y) >> 8;
@@ -339,7 +342,7 @@ bool MarkerTracker::is_doubtful(const Verdict& verdict) const {
   return false;
 }
 
-// Lays the lattice on the dots without memory; keeps the cheapest assignment, the present one among them.
+// Matches the lattice to the dots without memory. Keeps the cheapest assignment, including the current one.
 void MarkerTracker::search(std::span<const Dot> dots, int64_t cost_so_far) {
   const auto keep = [&] {
     for (size_t i = 0; i < markers_.size(); ++i) {
@@ -348,13 +351,13 @@ void MarkerTracker::search(std::span<const Dot> dots, int64_t cost_so_far) {
     std::copy(known_.begin(), known_.end(), best_known_.begin());
     std::copy(area_.begin(), area_.end(), best_area_.begin());
   };
-  int n_known = 0;  // of the cheapest
+  int n_known = 0;  // of the cheapest assignment
   const auto attempt = [&](Point shift, int seed) {
-    look(dots, [&](size_t) { return shift; }, tight_gate2_, seed);
-    const Verdict verdict = judge(dots.size());
-    if (verdict.n_known == 0 || verdict.cost >= cost_so_far) return;
-    cost_so_far = verdict.cost;
-    n_known = verdict.n_known;
+    follow(dots, [&](size_t) { return shift; }, tight_gate2_, seed);
+    const AssignmentCost assignment = assess(dots.size());
+    if (assignment.n_known == 0 || assignment.cost >= cost_so_far) return;
+    cost_so_far = assignment.cost;
+    n_known = assignment.n_known;
     keep();
   };
   const auto attempt_from = [&](int seed) {
@@ -367,7 +370,7 @@ void MarkerTracker::search(std::span<const Dot> dots, int64_t cost_so_far) {
   keep();
   attempt({0, 0}, -1);
   attempt_from(middle_);
-  // Grown from one marker, all hangs on its dot: its neighbours are tried where that one misled.
+  // An assignment grown from one marker depends on that marker's dot: if it was wrong, its neighbours are tried.
   for (const int seed : graph_.beside(static_cast<size_t>(middle_))) {
     if (is_scattered_ && 2 * n_known < std::ssize(dots)) attempt_from(seed);
   }
@@ -387,15 +390,15 @@ std::span<Marker> MarkerTracker::assign(std::span<const Dot> dots) {
   std::iota(by_height_.begin(), by_height_.begin() + std::ssize(dots), 0);
   std::sort(by_height_.begin(), by_height_.begin() + std::ssize(dots),
             [&](int a, int b) { return dots[static_cast<size_t>(a)].y.raw() < dots[static_cast<size_t>(b)].y.raw(); });
-  look(dots, [&](size_t i) { return last_[i]; }, is_scattered_ ? tight_gate2_ : gate2_, -1);
-  const Verdict verdict = judge(dots.size());
-  if (is_doubtful(verdict)) search(dots, verdict.n_known > 0 ? verdict.cost : INT64_MAX);
+  follow(dots, [&](size_t i) { return last_[i]; }, is_scattered_ ? tight_gate2_ : gate2_, -1);
+  const AssignmentCost assignment = assess(dots.size());
+  if (is_ambiguous(assignment)) search(dots, assignment.n_known > 0 ? assignment.cost : INT64_MAX);
   for (size_t i = 0; i < markers_.size(); ++i) markers_[i].is_lost = known_[i] == 0;
   return markers_;
 }
 
 int MarkerTracker::finish(std::span<const int64_t> error2_q16) {
-  grade_markers(graph_, {area_, rest_area_}, error2_q16, pitch_q8_, markers_, known_);
+  set_marker_quality(graph_, {area_, rest_area_}, error2_q16, pitch_q8_, markers_, known_);
   int n_lost = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
     markers_[i].is_lost = known_[i] == 0;

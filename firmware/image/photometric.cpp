@@ -7,7 +7,7 @@
 namespace ruffini {
 namespace {
 
-// Place of the middle of cell i, of `step` pixels each, on a lattice of `lines` over n pixels; Q16: line and fraction.
+// Position of the centre of cell i, of `step` pixels, on a lattice of `lines` over n pixels; Q16: line and fraction.
 struct LatticePlace {
   int line;
   int64_t fraction;
@@ -23,7 +23,7 @@ constexpr int kBendFraction = 9;  // bits between two lines of the bend
 
 int64_t blend(int64_t a, int64_t b, int64_t fraction_q16) { return a * (65'536 - fraction_q16) + b * fraction_q16; }
 
-// The lattice at the middle of every cell: six planes.
+// Interpolates the lattice at the centre of every cell: six planes.
 std::vector<int16_t> unmix_of_cells(const BoardSettings& board, GridSize grid, const PhotometricTable& table) {
   const auto n = static_cast<size_t>(grid.count());
   std::vector<int16_t> out(6 * n);
@@ -71,9 +71,10 @@ Photometric::Photometric(const BoardSettings& board, const PhotometricTable& tab
       keep_(static_cast<size_t>(width_px_ * height_px_)),
       n_kept_(static_cast<size_t>(grid_.count())),
       fill_(grid_) {
-  // Half the diameter, an eighth for ink and stretch, and one pixel for the lens: beyond it the dots of the recorded
-  // GelSight Mini video darken less than 1 %, pressed and sheared as well. A wider mask costs depth at steep walls.
-  const bool are_targets = board.markers.lattice.count() == 0;  // these hide the surface then, from nearer
+  // Half the diameter, plus an eighth for ink and stretch, plus one pixel for the lens: outside it the dots of the
+  // recorded GelSight Mini video darken less than 1 %, even pressed and sheared. A wider mask costs depth at steep
+  // walls.
+  const bool are_targets = board.markers.lattice.count() == 0;  // targets hide the surface and are closer to the camera
   const int64_t diameter_um = are_targets ? board.targets.diameter_um : board.markers.diameter_um;
   const int64_t distance_um = board.camera.standoff_um - (are_targets ? board.targets.below_um : 0);
   const int64_t diameter_q16 = floor_div(diameter_um * board.camera.focal_mpx * 65'536, distance_um * 1'000);
@@ -85,9 +86,9 @@ Photometric::Photometric(const BoardSettings& board, const PhotometricTable& tab
 }
 
 Photometric::Photometric(const BoardSettings& board, const PhotometricTable& table)
-    : Photometric(board, table, kernels::best().cells) {}
+    : Photometric(board, table, kernels::fastest_supported().cells) {}
 
-// Row by row: how far the disc reaches to the left and to the right follows from the row above.
+// Row by row: the disc's extent to the left and right follows from that of the row above.
 void Photometric::mask_disc(int64_t x_q16, int64_t y_q16) {
   const int64_t r = mask_radius_q16_;
   const auto y0 = std::max<int64_t>((y_q16 - r) >> 16, 0);

@@ -1,19 +1,19 @@
-// Colour change -> surface slope, on the depth grid (one value per step x step pixels).
+// Converts colour change to surface slope on the depth grid (one value per step x step pixels).
 //
-//   S = sum of d over the cell's unmasked pixels, n of them, Q12
-//   d' = (S / n - m) / (1 + m)              Q16; m: level of the frame's light (light.h), zero where it does not count
-//   q = M . d' + N(d')                      Q14, clamped to +-16384; M at the cell's middle, Q12, from the coarse lattice;
-//                                           N (`bend`, may be missing): trilinear over the three changes
+//   S = sum of d over the n unmasked pixels of the cell, Q12
+//   d' = (S / n - m) / (1 + m)              Q16; m: level of the frame's light (light.h), zero if it is not used
+//   q = M . d' + N(d')                      Q14, clamped to +-16384; M at the cell's centre, Q12, from a coarse grid;
+//                                           N (`bend`, optional): trilinear over the three changes
 //   s = table(q)                            Q12, bilinear: index (q + 16384) >> 9, 9 fraction bits
 //
-// M is what lamps do to a matt surface, N what they do not: clipped channels, the camera's response, shadows.
-// The mean over the cell comes before the tables: what noise the cell's pixels have is halved before it is bent.
-// Pixels under a printed dot, where it rests or where it is now, carry no shading and are masked. A cell with no pixel
-// left takes what its neighbours along x and along y have, each weighted by its nearness (photometric_fill.h).
+// M is the response of a matt surface to the lamps; N covers clipped channels, the camera's response and shadows. The
+// mean over the cell comes before the tables: averaging halves the pixels' noise before the nonlinearity. Pixels under
+// a printed dot, at its rest position or its current one, carry no shading and are masked. A cell without pixels takes
+// the values of its neighbours along x and y, weighted by nearness (photometric_fill.h).
 //
-// Skins of one colour that darken where they are pressed give depth at once, without slopes and Poisson:
+// Skins of one colour that darken when pressed give depth directly, without slopes and Poisson:
 //
-//   z = depth(mean of d' over the three channels)   lines from -1 to +1, linear between, half up
+//   z = depth(mean of d' over the three channels)   table from -1 to +1, linear between, half up
 //
 // Frame thread; no allocation after the constructor.
 #pragma once
@@ -32,7 +32,7 @@
 
 namespace ruffini {
 
-// What the cells read and write, one row of them at a time.
+// Inputs and outputs of one row of cells.
 struct CellRow {
   int step_px = 1;
   int n_cells = 0;
@@ -43,9 +43,9 @@ struct CellRow {
   ptrdiff_t unmix_plane = 0;
   const int16_t* unmix = nullptr;  // six planes, per cell
   const int32_t* slope = nullptr;  // the table, x in the low half and y in the high one
-  const int32_t* bend = nullptr;   // as slope; null: none
+  const int32_t* bend = nullptr;   // as slope; null if there is none
   std::array<int32_t, 3> bend_low_q16{};
-  std::array<int32_t, 3> bend_shift{};                 // of Q16, from one line to the next 2^9 (shift + 9 bits)
+  std::array<int32_t, 3> bend_shift{};                 // distance of two table lines: 2^9 (shift + 9 bits) in Q16
   const std::array<int32_t, 17>* per_count = nullptr;  // of B, G, R: 2^20 / (n (1 + m)); 0 for n = 0
   std::array<int32_t, 3> level_q16{};                  // m / (1 + m)
   CellSlope* out = nullptr;
@@ -59,13 +59,14 @@ class Photometric {
   static constexpr int kBendSize = PhotometricTable::kBendSize;
 
   Photometric(const BoardSettings& board, const PhotometricTable& table, CellRun version);
-  Photometric(const BoardSettings& board, const PhotometricTable& table);  // the fastest that this processor runs
+  Photometric(const BoardSettings& board,
+              const PhotometricTable& table);  // the fastest version that this processor supports
 
-  // `difference`: planes of B, G and R; `level` within +-2^14, of no effect where the table is not balanced.
+  // `difference`: planes of B, G and R. `level`: within +-2^14; ignored if the table is not balanced.
   void run(std::span<const RelativeChange> difference, std::span<const Marker> markers, const LightLevel& level,
            std::span<CellSlope> out);
 
-  // In place of run() where the table is one of depths; masked cells are read through their dots.
+  // Replaces run() for depth tables. Masked cells are read through their dots.
   void run_depth(std::span<const RelativeChange> difference, const LightLevel& level, std::span<DisplacementUm> out);
 
   [[nodiscard]] bool is_of_depth() const { return !depth_.empty(); }

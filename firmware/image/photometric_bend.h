@@ -1,5 +1,6 @@
-// Tables on lanes (lanes_scalar.h) for photometric_cells.h: interpolation of packed pairs, and N of photometric.h.
-// Bounds: differences below 2^16 times 2^9, rounded by 2^4; that twice more times 2^9 (sums modulo 2^32, results fit).
+// Table lookups on lanes (lanes_scalar.h) for photometric_cells.h: interpolation of packed pairs, and N of
+// photometric.h. Bounds: differences below 2^16 times 2^9, rounded by 2^4; then twice times 2^9 (sums modulo 2^32,
+// results fit).
 #pragma once
 
 #include "image/lanes_scalar.h"
@@ -7,39 +8,39 @@
 
 namespace ruffini {
 
-// File: the lanes that the file is compiled for, of which these may be the rest of a row. Without it the linker would
-// take one file's instructions for all, and a processor that has no AVX2 would be given them.
+// File: the lanes that the file is compiled for; `L` may be the scalar lanes for the rest of a row. Without this
+// parameter the linker would merge the instantiations of all files, and a processor without AVX2 could get AVX2 code.
 template <typename File, typename L>
 class PackedTable {
  public:
   using V = typename L::V;
   static constexpr int kStepBits = 9;     // between two lines
-  static constexpr int kHalfWayBits = 4;  // of those, dropped by the first interpolation of several
+  static constexpr int kHalfWayBits = 4;  // of those, dropped by the first of several interpolations
 
-  // x is in the low half, y in the high one.
-  static V x_of(V both) { return L::template right<16>(L::template left<16>(both)); }
-  static V y_of(V both) { return L::template right<16>(both); }
+  // x is in the low half, y in the high half.
+  static V x_of(V both) { return L::template shift_right<16>(L::template shift_left<16>(both)); }
+  static V y_of(V both) { return L::template shift_right<16>(both); }
 
   // (a (2^9 - fraction) + b fraction) / 2^bits, half up.
   static V between(V a, V b, V fraction, int bits) {
-    const V scaled = L::template left<kStepBits>(a);
-    return L::round_right(L::add(scaled, L::times(L::sub(b, a), fraction)), bits);
+    const V scaled = L::template shift_left<kStepBits>(a);
+    return L::round_shift_right(L::add(scaled, L::mul_low(L::sub(b, a), fraction)), bits);
   }
 
   // Adds N(d') to q.
   static void bend(const CellRow& row, const V* d, V* q) {
     constexpr int kLines = Photometric::kBendSize;
-    V at = L::same(0);
+    V at = L::broadcast(0);
     V fraction[3];
     for (size_t c = 0; c < 3; ++c) {
-      const V from_low = L::round_right(L::sub(d[c], L::same(row.bend_low_q16[c])), row.bend_shift[c]);
-      const V t = L::max(L::min(from_low, L::same((kLines - 1) << kStepBits)), L::same(0));
-      const V line = L::min(L::template right<kStepBits>(t), L::same(kLines - 2));
-      fraction[c] = L::sub(t, L::template left<kStepBits>(line));
-      at = L::add(L::times(at, L::same(kLines)), line);
+      const V from_low = L::round_shift_right(L::sub(d[c], L::broadcast(row.bend_low_q16[c])), row.bend_shift[c]);
+      const V t = L::max(L::min(from_low, L::broadcast((kLines - 1) << kStepBits)), L::broadcast(0));
+      const V line = L::min(L::template shift_right<kStepBits>(t), L::broadcast(kLines - 2));
+      fraction[c] = L::sub(t, L::template shift_left<kStepBits>(line));
+      at = L::add(L::mul_low(at, L::broadcast(kLines)), line);
     }
     V corner[8];
-    for (int i = 0; i < 8; ++i) corner[i] = L::look_up(row.bend + (i / 4 * kLines + i / 2 % 2) * kLines + i % 2, at);
+    for (int i = 0; i < 8; ++i) corner[i] = L::gather(row.bend + (i / 4 * kLines + i / 2 % 2) * kLines + i % 2, at);
     const auto trilinear = [&](auto part) {
       V plane[2];
       for (int i = 0; i < 2; ++i) {

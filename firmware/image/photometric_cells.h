@@ -37,21 +37,21 @@ class PhotometricCells {
   // Sum over the pixels of each cell of values & keep.
   template <typename Some, int kStep>
   static typename Some::V sum(const int16_t* values, const int16_t* keep, ptrdiff_t width) {
-    auto out = Some::same(0);
+    auto out = Some::broadcast(0);
     for (int y = 0; y < kStep; ++y)
-      out = Some::add(out, Some::template sum_kept<kStep>(values + y * width, keep + y * width));
+      out = Some::add(out, Some::template masked_sum<kStep>(values + y * width, keep + y * width));
     return out;
   }
 
-  // d' of the three colours from their sums. Where no pixel of any lane's cell is masked, nothing is looked up.
+  // Computes d' of the three colours from their sums. No lookup is needed if no pixel in any lane's cell is masked.
   template <typename Some, int kStep>
   static void changes(const CellRow& row, const typename Some::V* sums, typename Some::V n_kept, typename Some::V* d) {
     constexpr int kFull = kStep * kStep;
-    const bool is_whole = Some::largest(Some::sub(Some::same(kFull), n_kept)) == 0;
+    const bool is_whole = Some::max_lane(Some::sub(Some::broadcast(kFull), n_kept)) == 0;
     for (size_t c = 0; c < 3; ++c) {
       const auto& per_count = row.per_count[c];
-      const auto share = is_whole ? Some::same(per_count[kFull]) : Some::look_up(per_count.data(), n_kept);
-      d[c] = Some::sub(Some::narrow(Some::mul(sums[c], share), 16), Some::same(row.level_q16[c]));
+      const auto share = is_whole ? Some::broadcast(per_count[kFull]) : Some::gather(per_count.data(), n_kept);
+      d[c] = Some::sub(Some::narrow(Some::mul(sums[c], share), 16), Some::broadcast(row.level_q16[c]));
     }
   }
 
@@ -64,10 +64,10 @@ class PhotometricCells {
     return Some::narrow(dot, 14);
   }
 
-  // Held to +-1, and counted from -1 on.
+  // Clamps to +-1 and offsets by +1.
   template <typename Some>
   static typename Some::V from_limit(typename Some::V q) {
-    return Some::add(Some::max(Some::min(q, Some::same(kOne)), Some::same(-kOne)), Some::same(kOne));
+    return Some::add(Some::max(Some::min(q, Some::broadcast(kOne)), Some::broadcast(-kOne)), Some::broadcast(kOne));
   }
 
   template <typename Some, int kStep>
@@ -79,7 +79,8 @@ class PhotometricCells {
       typename Some::V sums[3];
       for (int c = 0; c < 3; ++c)
         sums[c] = sum<Some, kStep>(row.change + c * row.plane + pixel, row.keep + pixel, row.width);
-      const auto n_kept = Some::sub(Some::same(0), sum<Some, kStep>(row.keep + pixel, row.keep + pixel, row.width));
+      const auto n_kept =
+          Some::sub(Some::broadcast(0), sum<Some, kStep>(row.keep + pixel, row.keep + pixel, row.width));
       Some::store_16(row.n_kept + x, n_kept);
       typename Some::V d[3];
       changes<Some, kStep>(row, sums, n_kept, d);
@@ -89,20 +90,20 @@ class PhotometricCells {
       if (row.bend != nullptr) Table::bend(row, d, q);
       const auto q_x = from_limit<Some>(q[0]);
       const auto q_y = from_limit<Some>(q[1]);
-      const auto column = Some::min(Some::template right<Table::kStepBits>(q_x), Some::same(kLines - 2));
-      const auto line = Some::min(Some::template right<Table::kStepBits>(q_y), Some::same(kLines - 2));
-      const auto f_x = Some::sub(q_x, Some::template left<Table::kStepBits>(column));
-      const auto f_y = Some::sub(q_y, Some::template left<Table::kStepBits>(line));
-      const auto at = Some::add(Some::times(line, Some::same(kLines)), column);
+      const auto column = Some::min(Some::template shift_right<Table::kStepBits>(q_x), Some::broadcast(kLines - 2));
+      const auto line = Some::min(Some::template shift_right<Table::kStepBits>(q_y), Some::broadcast(kLines - 2));
+      const auto f_x = Some::sub(q_x, Some::template shift_left<Table::kStepBits>(column));
+      const auto f_y = Some::sub(q_y, Some::template shift_left<Table::kStepBits>(line));
+      const auto at = Some::add(Some::mul_low(line, Some::broadcast(kLines)), column);
       typename Some::V corner[4];
-      for (int i = 0; i < 4; ++i) corner[i] = Some::look_up(row.slope + (i / 2) * kLines + i % 2, at);
+      for (int i = 0; i < 4; ++i) corner[i] = Some::gather(row.slope + (i / 2) * kLines + i % 2, at);
       const auto bilinear = [&](auto part) {
         const auto upper = Table::between(part(corner[0]), part(corner[1]), f_x, Table::kHalfWayBits);
         const auto lower = Table::between(part(corner[2]), part(corner[3]), f_x, Table::kHalfWayBits);
         return Table::between(upper, lower, f_y, 2 * Table::kStepBits - Table::kHalfWayBits);
       };
-      const auto s_x = Some::bit_and(bilinear(Table::x_of), Some::same(0xFFFF));
-      Some::store(row.out + x, Some::add(Some::template left<16>(bilinear(Table::y_of)), s_x));
+      const auto s_x = Some::bit_and(bilinear(Table::x_of), Some::broadcast(0xFFFF));
+      Some::store(row.out + x, Some::add(Some::template shift_left<16>(bilinear(Table::y_of)), s_x));
     }
   }
 };

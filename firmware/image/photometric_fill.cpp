@@ -15,7 +15,7 @@ void PhotometricFill::run(std::span<const int16_t> n_kept, std::span<CellSlope> 
   for (size_t i = 0; i < n_kept.size(); ++i) {
     if (n_kept[i] == 0) empty_.push_back(static_cast<uint32_t>(i));
   }
-  // One further than the neighbour, where that shows nothing either.
+  // One more than the neighbour's distance, if that one is masked too.
   const auto reach = [&](Direction direction, size_t at, bool is_inside, size_t neighbour) {
     uint16_t& d = distance_[direction][at];
     d = is_inside ? 1 : 0;

@@ -1,9 +1,9 @@
-// Slope of cells that show nothing, from the nearest cells that do along each axis.
+// Fills the slope of masked cells from the nearest unmasked cells along each axis.
 //
 //   s = sum over left, right, above, below of s_i w(d_i), over sum of w(d_i), half up;  w(d) = 4096 / d, rounded down
 //
-// d_i: cells to the nearest one that shows something, in that direction; none beyond the border. A slope that is linear
-// along both axes is continued as it is between two such cells. Zero where all four are missing. Not in the paper.
+// d_i: distance in cells to the nearest unmasked cell in that direction; none beyond the border. A slope that is linear
+// along both axes is continued exactly. Zero if all four are missing. Not in the paper.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,7 @@ class PhotometricFill {
  public:
   explicit PhotometricFill(GridSize grid);
 
-  // `n_kept`: pixels that show something, per cell; cells without any are written.
+  // `n_kept`: number of unmasked pixels of each cell. Writes the cells without any.
   void run(std::span<const int16_t> n_kept, std::span<CellSlope> slope);
 
  private:
@@ -32,7 +32,7 @@ class PhotometricFill {
 
   GridSize grid_;
   std::vector<uint32_t> empty_;                  // cells, ascending
-  std::vector<uint16_t> distance_[kDirections];  // per cell; 0 = none; of empty ones only
+  std::vector<uint16_t> distance_[kDirections];  // per masked cell; 0: none
 };
 
 }  // namespace ruffini

@@ -7,7 +7,7 @@ namespace {
 
 constexpr int32_t kMinShift = 6;  // 9 bits between two lines of Q16
 constexpr int32_t kMaxShift = 11;
-constexpr int32_t kMaxLowQ12 = 8 * 4'096;  // no change is further from zero
+constexpr int32_t kMaxLowQ12 = 8 * 4'096;  // no change is farther from zero
 
 Error bad(const char* what) {
   return {ErrorKind::kBadInput, std::string("calibration file: ") + what + ": make it again"};

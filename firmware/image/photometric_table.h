@@ -1,4 +1,4 @@
-// What the kind `photometric` of a calibration brings, as views into it (shapes: proto/CALIBRATION.md).
+// Tables of the kind `photometric` of a calibration, as views into it (shapes: proto/CALIBRATION.md).
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@ struct PhotometricTable {
   static constexpr int kBendSize = 9;
   static constexpr int kDepthSize = 257;
 
-  // kBadInput where a tensor is missing, or of another shape or range.
+  // Returns kBadInput if a tensor is missing or has a wrong shape or range.
   [[nodiscard]] static Result<PhotometricTable> load(const Calibration& calibration);
 
   std::span<const int16_t> unmix;  // [n_cells_y][n_cells_x][2][3]
@@ -24,9 +24,9 @@ struct PhotometricTable {
   std::span<const int16_t> slope;         // [65][65][2]
   std::span<const int16_t> bend;          // [9][9][9][2], or empty
   std::array<int32_t, 3> bend_low_q12{};  // change of B, G, R at the first line
-  std::array<int32_t, 3> bend_shift{};    // from one line to the next: 2^shift in Q12
-  std::span<const int16_t> depth;         // [257], or empty: of skins that darken, in place of all above
-  bool is_balanced = false;               // the level of a frame's light counts
+  std::array<int32_t, 3> bend_shift{};    // distance of two lines: 2^shift in Q12
+  std::span<const int16_t> depth;         // [257], or empty: for skins that darken, instead of all tables above
+  bool is_balanced = false;               // the level of a frame's light is used
 };
 
 }  // namespace ruffini

@@ -7,8 +7,8 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kTolerancePercent = 15;  // half of what a marker may be off from its neighbours (markers.h)
-constexpr int64_t kLeastMarkers = 8;
+constexpr int64_t kTolerancePercent = 15;  // half of a marker's tolerance relative to its neighbours (markers.h)
+constexpr int64_t kMinMarkers = 8;
 constexpr int kCoarse = 12;  // Q16 to Q4 px: sums of 2^12 products stay below 2^48
 
 struct Place {
@@ -41,7 +41,7 @@ bool pitch_fits(std::span<const Marker> at_rest, const BoardSettings& board) {
     mean_p = {mean_p.x + p.x, mean_p.y + p.y};
     ++n;
   }
-  if (n < kLeastMarkers) return true;
+  if (n < kMinMarkers) return true;
   mean_e = {floor_div(mean_e.x, n), floor_div(mean_e.y, n)};
   mean_p = {floor_div(mean_p.x, n), floor_div(mean_p.y, n)};
   int64_t both = 0, own = 0;

@@ -1,10 +1,10 @@
-// Whether the markers found at rest stand as far apart as the board says: another pad, resolution or standoff would
-// give displacements in a wrong scale, and nothing else would tell.
+// Checks that the markers at rest have the board's spacing: another pad, resolution or standoff would scale all
+// displacements, and nothing else would show it.
 //
-//   k = sum e . p / sum e . e        p: places at rest, e: nominal ones (px), each from its mean
+//   k = sum e . p / sum e . e        p: rest positions, e: nominal ones (px), both relative to their means
 //
-// True while |k - 1| <= 15 %, and where there is nothing to compare: fewer than 8 markers, or places that board.toml does
-// not list. Not in the papers.
+// Returns true if |k - 1| <= 15 %, or if there is nothing to compare: fewer than 8 markers, or positions that
+// board.toml does not list. Not in the papers.
 #pragma once
 
 #include <span>

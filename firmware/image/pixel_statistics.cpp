@@ -9,13 +9,14 @@ namespace {
 constexpr int kWindows = 240;
 constexpr int kWide = 4;
 constexpr int kHigh = 2;
-constexpr uint32_t kBlack = 2;  // grey levels that are equal without a fault, up to this one and from the other on
+// Grey levels that can be equal without a fault: at or below this, and from the other one on
+constexpr uint32_t kBlack = 2;
 constexpr uint32_t kWhite = 253;
 constexpr uint16_t kUsableLow = 16 * 16;
 constexpr uint16_t kUsableHigh = 16 * 240;
 constexpr size_t kFewest = 24;
 constexpr int32_t kOffQ12 = 33;   // 0.8 %
-constexpr int64_t kAgainst = 20;  // a tenth: of both medians' sum, their difference
+constexpr int64_t kAgainst = 20;  // maximum ratio of the medians' sum to their difference
 
 }  // namespace
 
@@ -43,7 +44,7 @@ void PixelStatistics::add_window(const FrameView& frame, size_t window, Ties& ti
   for (int row = 0; row < kHigh; ++row) {
     const uint8_t* pixels = frame.row(windows_[window].y + row) + ptrdiff_t{3} * windows_[window].x;
     for (size_t c = 0; c < 3; ++c) sum[c] += pixels[c] + pixels[3 + c] + pixels[6 + c] + pixels[9 + c];
-    for (size_t i = 3; i < size_t{3} * kWide; ++i) {  // without a branch
+    for (size_t i = 3; i < size_t{3} * kWide; ++i) {  // branch-free
       const uint32_t counts = uint32_t{pixels[i]} - (kBlack + 1) < kWhite - kBlack - 1 ? 1U : 0U;
       n += counts;
       n_equal += counts & (pixels[i] == pixels[i - 3] ? 1U : 0U);
@@ -104,7 +105,7 @@ bool PixelStatistics::is_off_curve(const Rest::Gain& gain) {
     const std::span<const Level> levels = levels_[c];
     const int32_t dark = median(levels.first(levels.size() / 3), c);
     const int32_t bright = median(levels.last(levels.size() / 3), c);
-    const int32_t off = dark + bright - ((gain[c] - Rest::kUnitGain) >> 7);  // twice
+    const int32_t off = dark + bright - ((gain[c] - Rest::kUnitGain) >> 7);  // twice the offset
     n_more += off > 2 * kOffQ12 ? 1 : 0;
     n_less += off < -2 * kOffQ12 ? 1 : 0;
     both += off;
@@ -113,10 +114,10 @@ bool PixelStatistics::is_off_curve(const Rest::Gain& gain) {
   return (n_more == 3 && -kAgainst * apart > both) || (n_less == 3 && kAgainst * apart > -both);
 }
 
-PixelStatistics::Verdict PixelStatistics::run(const FrameView& frame, const Rest::Gain& gain) {
+PixelStatistics::Defects PixelStatistics::run(const FrameView& frame, const Rest::Gain& gain) {
   Ties now;
   for (size_t i = 0; i < windows_.size(); ++i) add_window(frame, i, now);
-  // now > 1.2 rest + 0.01, as shares
+  // now > 1.2 rest + 0.01, as shares.
   const bool is_coarse = rest_ties_.n > 0 && now.n > 0 &&
                          100 * now.n_equal * rest_ties_.n > (120 * rest_ties_.n_equal + rest_ties_.n) * now.n;
   return {.is_coarse = is_coarse, .is_off_curve = has_levels_ && is_off_curve(gain)};

@@ -1,11 +1,14 @@
 // Detects pixel values that a live camera codes differently than at rest: bits lost, compression, gamma, black level.
 //
 //   windows of 4 x 2 pixels, kWindows of them, drawn once
-//   ties   share of horizontally adjacent pixel pairs with equal levels, over all channels, without black and white ones
-//   d      mean of a window / its mean at rest - 1 - followed gain (image/light.h), per channel, of windows without edges
+//   ties   share of horizontally adjacent pixel pairs with equal levels, over all channels, without black and white
+//          ones
+//   d      mean of a window / its mean at rest - 1 - followed gain (image/light.h), per channel, of windows without
+//          edges
 //   dark, bright   medians of d over the darker and the brighter third of the windows, by their level at rest
 //
-//   coarse      ties > 1.2 ties of the rest frames + 0.01: noise is missing, so bits were lost or the picture is compressed
+//   coarse      ties > 1.2 ties of the rest frames + 0.01: noise is missing, so bits were lost or the picture is
+//               compressed
 //   off curve   |dark + bright| / 2 > 0.8 % with the same sign in all channels, and bright - dark has the opposite sign
 //               and more than a tenth of that size: an offset (black level, daylight) or a gamma. Lamps and exposure
 //               change all levels by the same share instead
@@ -28,7 +31,7 @@ namespace ruffini {
 
 class PixelStatistics {
  public:
-  struct Verdict {
+  struct Defects {
     bool is_coarse = false;
     bool is_off_curve = false;
   };
@@ -41,7 +44,7 @@ class PixelStatistics {
   // A new rest image, width x height x 3 in 1/16 grey levels.
   void learn(std::span<const uint16_t> rest);
   // `gain`: of rest, as it is followed. Precondition: learn() was called.
-  [[nodiscard]] Verdict run(const FrameView& frame, const Rest::Gain& gain);
+  [[nodiscard]] Defects run(const FrameView& frame, const Rest::Gain& gain);
 
  private:
   struct Window {

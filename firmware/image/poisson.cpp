@@ -9,14 +9,14 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kOneQ30 = int64_t{1} << 30;
-constexpr int64_t kMaxCellUm = 8'191;  // so that scaled slopes fit 32 bits; larger cells saturate at any slope
+constexpr int64_t kMaxCellUm = 8'191;  // keeps scaled slopes within 32 bits; larger cells saturate at any slope
 
 size_t padded(int n) {
   return (static_cast<size_t>(n) + PoissonBuffers::kMaxLanes - 1) / PoissonBuffers::kMaxLanes *
          PoissonBuffers::kMaxLanes;
 }
 
-// Cells of the ring that the gauge averages: inside the window, within margin of its edge.
+// Cells of the ring that the gauge averages: inside the window, within `margin` of its edge.
 std::vector<uint32_t> ring(const BoardSettings& board, const PoissonTables& tables) {
   const WindowSettings& w = board.window;
   const int64_t margin = board.depth.margin_um;
@@ -37,7 +37,7 @@ std::vector<uint32_t> ring(const BoardSettings& board, const PoissonTables& tabl
   return cells.empty() ? all : cells;  // a ring thinner than a cell: the whole image
 }
 
-// Slope of the ray through the middle of each cell, Q16.
+// Slope of the ray through the centre of each cell, Q16.
 std::vector<int32_t> ray_slopes(int n, int step, int64_t center_mpx, int64_t focal_mpx) {
   std::vector<int32_t> rays(static_cast<size_t>(n));
   for (int i = 0; i < n; ++i) {
@@ -47,7 +47,7 @@ std::vector<int32_t> ray_slopes(int n, int step, int64_t center_mpx, int64_t foc
   return rays;
 }
 
-// 1 / x of x in Q14 at every 2^kFoldStep; below 0.1 as there, which is never asked for.
+// 1 / x for x in Q14 at every 2^kFoldStep. Values below 0.1 are never read and equal that at 0.1.
 std::vector<int32_t> inverse_table() {
   std::vector<int32_t> lines(PoissonTables::kFoldLines);
   for (int i = 0; i < PoissonTables::kFoldLines; ++i) {
@@ -95,6 +95,6 @@ PoissonBuffers::PoissonBuffers(const PoissonTables& tables)
 
 Poisson::Poisson(const BoardSettings& board, PoissonRun version) : tables_(board), buffers_(tables_), run_(version) {}
 
-Poisson::Poisson(const BoardSettings& board) : Poisson(board, kernels::best().poisson) {}
+Poisson::Poisson(const BoardSettings& board) : Poisson(board, kernels::fastest_supported().poisson) {}
 
 }  // namespace ruffini

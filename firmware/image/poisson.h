@@ -1,11 +1,11 @@
 // Surface slope -> depth: exact discrete Poisson solve with free (Neumann) borders, in perspective.
 //
-// The gradient of w = H ln(1 + z/H), micrometres per cell, Q10, clamped to +-2^20 (firmware/README.md):
+// The gradient of w = H ln(1 + z/H), micrometres per cell, Q10, clamped to +-2^20 (firmware/DESIGN.md):
 //
-//   e = (s_x x' + s_y y' + 2^13) >> 14, held to [-1, 0.9]  Q14; x', y' the ray's slopes, Q16
+//   e = (s_x x' + s_y y' + 2^13) >> 14, clamped to [-1, 0.9]  Q14; x', y': slopes of the ray, Q16
 //   g = s (H step / f) / (1 - e)                           1 / (1 - e) from a table, linear between its lines
 //
-// averaged to the half-way points between cells (kept doubled, so Q11), its divergence f; then
+// averaged to the midpoints between cells (kept doubled, so Q11), its divergence f; then
 //
 //   1. F = cosine transform of f along x (cosine_transform.h)
 //   2. per wave number k, tridiagonal solve along y with the exact eigenvalue 2 - 2 cos(pi k / n_x), k from 0;
@@ -13,10 +13,9 @@
 //   3. w = inverse transform
 //   4. gauge: minus the mean over the gauge cells; z = w + w^2 / (2 H) + w^3 / (6 H^2)
 //
-// Between 1 and 2, and behind 2, numbers are Q8 of n_x / 2 times a wave's height. Within the transforms they have one
-// power of two more for all cells, as many bits as the bound of cosine_transform.h leaves them. A field that is a
-// gradient on the half-way points is reproduced up to rounding (below 20 nm).
-// Frame thread; no allocation after the constructor.
+// Between 1 and 2, and after 2, values are Q8 of n_x / 2 times the height of a wave. Inside the transforms they have an
+// additional power of two common to all cells, up to the bound of cosine_transform.h. A field that is a gradient at the
+// midpoints is reproduced up to rounding (below 20 nm). Frame thread; no allocation after the constructor.
 #pragma once
 
 #include <cstdint>
@@ -30,7 +29,7 @@
 
 namespace ruffini {
 
-// What the solve reads; made once for a board.
+// Constants of the solve, computed once for a board.
 struct PoissonTables {
   static constexpr int kFoldStep = 6;                             // bits of 1 - e, Q14, below one line of the table
   static constexpr int kFoldLines = (2 << (14 - kFoldStep)) + 2;  // up to 1 - e = 2, and one beyond
@@ -45,13 +44,13 @@ struct PoissonTables {
   std::vector<int32_t> inverse_q24;  // [kFoldLines] of 1 - e
   CosineTables cosine;
   std::vector<int32_t> factor_q30;      // [y][k]: 1 / pivot of all rows but the last, at most 1; zero where k = 0
-  std::vector<int64_t> last_pivot_q30;  // [k]: small where the wave is long, so it divides
+  std::vector<int64_t> last_pivot_q30;  // [k]: small for long waves, therefore divided by
   std::vector<uint32_t> gauge_cells;    // y stride + x
   int32_t inverse_2h;                   // 2^36 / (2 H)
   int32_t inverse_3h;                   // 2^36 / (3 H)
 };
 
-// What the solve writes. Rows are padded with zeros to the stride, their number to a multiple of the lanes.
+// Buffers of the solve. Rows are padded with zeros to the stride, and their number to a multiple of the lanes.
 struct PoissonBuffers {
   static constexpr size_t kMaxLanes = 8;
   static constexpr size_t kMargin = 8;  // before the first cell of a row of gradient_x, for its mirror image
@@ -65,7 +64,7 @@ struct PoissonBuffers {
   size_t stride;
 
   std::vector<int32_t> gradient_x;  // Q10, rows of stride + 2 kMargin
-  std::vector<int32_t> gradient_y;  // Q10, rows of stride, one more before the first and behind the last
+  std::vector<int32_t> gradient_y;  // Q10, rows of stride, with one more row before the first and after the last
   std::vector<int32_t> f;           // divergence, then its transform, then w
   std::vector<int32_t> column;      // k = 0
   std::vector<int32_t> work;        // of the transforms
@@ -79,7 +78,7 @@ class Poisson {
   static constexpr int kMaxCells = 640;  // along one axis: n max|f| = 640 2^23 has 33 bits
 
   Poisson(const BoardSettings& board, PoissonRun version);
-  explicit Poisson(const BoardSettings& board);  // the fastest that this processor runs
+  explicit Poisson(const BoardSettings& board);  // the fastest version that this processor supports
 
   void run(std::span<const CellSlope> slope, std::span<DisplacementUm> depth, SaturationCounter& saturations) {
     run_(tables_, buffers_, slope, depth, saturations);

@@ -1,4 +1,4 @@
-// Slope -> divergence of the gradient, on lanes (lanes_scalar.h): the first part of poisson.h. Bounds:
+// Slope to divergence of the gradient, on lanes (lanes_scalar.h): the first part of poisson.h. Bounds:
 //
 //   gradient   |s| <= 2^15, 1 / (1 - e) <= 10 in Q24, cell < 2^23 in Q10: scale in Q14 below 2^31, s scale < 2^46
 //   f          four gradients of 2^20, doubled: |f| <= 2^23
@@ -21,14 +21,14 @@ class PoissonGradient {
         n_x_(static_cast<size_t>(tables.grid.n_x)),
         n_y_(static_cast<size_t>(tables.grid.n_y)) {}
 
-  // Both gradients of all cells.
+  // Computes both gradients of all cells.
   void learn(std::span<const CellSlope> slope) {
     const size_t whole = n_x_ / L::kCount * L::kCount;
     for (size_t y = 0; y < n_y_; ++y) {
       const CellSlope* line = slope.data() + y * n_x_;
       gradient_row<L>(line, y, 0, whole);
       gradient_row<ScalarLanes>(line, y, whole, n_x_);
-      // A mirror image with the other sign makes the border's half-way gradient zero.
+      // Mirroring with inverted sign makes the gradient at the border zero.
       b_.row_x(y)[-1] = -b_.row_x(y)[0];
       b_.row_x(y)[n_x_] = -b_.row_x(y)[n_x_ - 1];
     }
@@ -38,9 +38,9 @@ class PoissonGradient {
     }
   }
 
-  // f, and the largest |f|. The padding's gradients are zero, but for the mirror image.
+  // Computes f and returns the largest |f|. Gradients in the padding are zero, except for the mirror image.
   int32_t divergence() {
-    V largest = L::same(0);
+    V largest = L::broadcast(0);
     for (size_t y = 0; y < n_y_; ++y) {
       const int32_t* gx = b_.row_x(y);
       const int32_t* above = b_.row_y(y) - t_.stride;
@@ -54,36 +54,39 @@ class PoissonGradient {
       std::fill(f + n_x_, f + t_.stride, 0);
       for (size_t x = 0; x < t_.stride; x += L::kCount) largest = L::max(largest, L::abs(L::load(f + x)));
     }
-    return L::largest(largest);
+    return L::max_lane(largest);
   }
 
  private:
   using V = typename L::V;
   static constexpr int kOneQ14 = 16'384;
-  static constexpr int kMaxFold = kOneQ14 * 9 / 10;  // steeper than the ray: the surface would hide itself
+  static constexpr int kMaxFold = kOneQ14 * 9 / 10;  // beyond this the surface would hide itself from the ray
   static constexpr int kMinFold = -kOneQ14;
   static constexpr int kMaxGradient = 1 << 20;  // Q10: 1 mm per cell
 
   // Cells [from, to) of row y, as many at once as `Some` has lanes.
   template <typename Some>
   void gradient_row(const CellSlope* slope, size_t y, size_t from, size_t to) {
-    auto n_clamped = Some::same(0);
+    auto n_clamped = Some::broadcast(0);
     for (size_t x = from; x < to; x += Some::kCount) {
       const auto both = Some::load(slope + x);  // x in the low half, y in the high one
-      const auto sx = Some::template right<16>(Some::template left<16>(both));
-      const auto sy = Some::template right<16>(both);
+      const auto sx = Some::template shift_right<16>(Some::template shift_left<16>(both));
+      const auto sy = Some::template shift_right<16>(both);
       const auto along = Some::add_scaled(Some::mul(sx, Some::load(&t_.ray_x_q16[x])), sy, t_.ray_y_q16[y]);
-      const auto e = Some::max(Some::min(Some::narrow(along, 14), Some::same(kMaxFold)), Some::same(kMinFold));
-      const auto rest = Some::sub(Some::same(kOneQ14), e);
-      const auto line = Some::template right<PoissonTables::kFoldStep>(rest);
-      const auto fraction = Some::bit_and(rest, Some::same((1 << PoissonTables::kFoldStep) - 1));
-      const auto low = Some::look_up(t_.inverse_q24.data(), line);
-      const auto high = Some::look_up(t_.inverse_q24.data() + 1, line);
-      const auto inverse =
-          Some::add(low, Some::round_right(Some::times(Some::sub(high, low), fraction), PoissonTables::kFoldStep));
+      const auto e =
+          Some::max(Some::min(Some::narrow(along, 14), Some::broadcast(kMaxFold)), Some::broadcast(kMinFold));
+      const auto rest = Some::sub(Some::broadcast(kOneQ14), e);
+      const auto line = Some::template shift_right<PoissonTables::kFoldStep>(rest);
+      const auto fraction = Some::bit_and(rest, Some::broadcast((1 << PoissonTables::kFoldStep) - 1));
+      const auto low = Some::gather(t_.inverse_q24.data(), line);
+      const auto high = Some::gather(t_.inverse_q24.data() + 1, line);
+      const auto inverse = Some::add(
+          low, Some::round_shift_right(Some::mul_low(Some::sub(high, low), fraction), PoissonTables::kFoldStep));
       const auto scale = Some::narrow(Some::scale(inverse, t_.cell_um_q10), 20);  // Q14
-      Some::store(b_.row_x(y) + x, held<Some>(Some::narrow(Some::mul(sx, scale), 16), kMaxGradient, n_clamped));
-      Some::store(b_.row_y(y) + x, held<Some>(Some::narrow(Some::mul(sy, scale), 16), kMaxGradient, n_clamped));
+      Some::store(b_.row_x(y) + x,
+                  clamp_counted<Some>(Some::narrow(Some::mul(sx, scale), 16), kMaxGradient, n_clamped));
+      Some::store(b_.row_y(y) + x,
+                  clamp_counted<Some>(Some::narrow(Some::mul(sy, scale), 16), kMaxGradient, n_clamped));
     }
     saturations_.count += static_cast<uint64_t>(Some::sum(n_clamped));
   }

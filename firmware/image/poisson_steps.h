@@ -1,5 +1,5 @@
-// All of poisson.h on lanes (lanes_scalar.h). Bounds of the last step: |w| <= 2^21 (8 mm) and H >= 1 mm, so
-// w / (2 H) and w / (3 H) in Q24 are below 2^27 and their polynomial below 2^29.
+// Complete solve of poisson.h on lanes (lanes_scalar.h). Bounds of the last step: |w| <= 2^21 (8 mm) and H >= 1 mm, so
+// w / (2 H) and w / (3 H) in Q24 are below 2^27 and their polynomial is below 2^29.
 #pragma once
 
 #include <algorithm>
@@ -26,7 +26,7 @@ class PoissonSteps {
 
  private:
   static constexpr int kMaxDepth = 1 << 21;  // Q8: 8 mm
-  static constexpr int kFarOff = 1 << 29;    // Q8: 2 m, beyond any saturation
+  static constexpr int kFarOff = 1 << 29;    // Q8: 2 m, larger than any saturated value
 
   PoissonSteps(const PoissonTables& tables, PoissonBuffers& buffers, SaturationCounter& saturations)
       : t_(tables),
@@ -39,12 +39,12 @@ class PoissonSteps {
     int64_t sum = 0;
     for (const uint32_t cell : t_.gauge_cells) sum += b_.f[cell];
     const int64_t mean = floor_div(sum, static_cast<int64_t>(t_.gauge_cells.size()));
-    const auto held_mean = static_cast<int32_t>(std::clamp<int64_t>(mean, -kFarOff, kFarOff));
+    const auto clamped_mean = static_cast<int32_t>(std::clamp<int64_t>(mean, -kFarOff, kFarOff));
     const size_t whole = n_x_ / L::kCount * L::kCount;
     for (size_t y = 0; y < n_y_; ++y) {
       auto* out = reinterpret_cast<int16_t*>(depth.data() + y * n_x_);
-      finish_row<L>(b_.row_f(y), held_mean, out, 0, whole);
-      finish_row<ScalarLanes>(b_.row_f(y), held_mean, out, whole, n_x_);
+      finish_row<L>(b_.row_f(y), clamped_mean, out, 0, whole);
+      finish_row<ScalarLanes>(b_.row_f(y), clamped_mean, out, whole, n_x_);
     }
   }
 
@@ -52,15 +52,15 @@ class PoissonSteps {
   template <typename Some>
   void finish_row(const int32_t* f, int32_t mean, int16_t* out, size_t from, size_t to) {
     constexpr int kOneQ24 = 1 << 24;
-    auto n_clamped = Some::same(0);
+    auto n_clamped = Some::broadcast(0);
     for (size_t x = from; x < to; x += Some::kCount) {
-      const auto far = Some::max(Some::min(Some::load(f + x), Some::same(kFarOff)), Some::same(-kFarOff));
-      const auto w = held<Some>(Some::sub(far, Some::same(mean)), kMaxDepth, n_clamped);
-      const auto third = Some::add(Some::narrow(Some::scale(w, t_.inverse_3h), 20), Some::same(kOneQ24));
+      const auto far = Some::max(Some::min(Some::load(f + x), Some::broadcast(kFarOff)), Some::broadcast(-kFarOff));
+      const auto w = clamp_counted<Some>(Some::sub(far, Some::broadcast(mean)), kMaxDepth, n_clamped);
+      const auto third = Some::add(Some::narrow(Some::scale(w, t_.inverse_3h), 20), Some::broadcast(kOneQ24));
       const auto second = Some::narrow(Some::mul(Some::narrow(Some::scale(w, t_.inverse_2h), 20), third), 24);
-      const auto z = Some::narrow(Some::mul(w, Some::add(second, Some::same(kOneQ24))), 29);
-      const auto held = Some::max(Some::min(z, Some::same(INT16_MAX)), Some::same(INT16_MIN));
-      n_clamped = Some::add(n_clamped, Some::differ(held, z));
+      const auto z = Some::narrow(Some::mul(w, Some::add(second, Some::broadcast(kOneQ24))), 29);
+      const auto held = Some::max(Some::min(z, Some::broadcast(INT16_MAX)), Some::broadcast(INT16_MIN));
+      n_clamped = Some::add(n_clamped, Some::not_equal(held, z));
       Some::store_16(out + x, held);
     }
     saturations_.count += static_cast<uint64_t>(Some::sum(n_clamped));

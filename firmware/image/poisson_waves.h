@@ -1,5 +1,5 @@
 // The transforms and the solve wave by wave, on lanes (lanes_scalar.h): the middle part of poisson.h. Bounds, besides
-// those of the transforms: waves are held to +-2^29 (kMaxWave, counted), so that sums and differences stay within 31
+// those of the transforms: waves are clamped to +-2^29 (kMaxWave, counted), so that sums and differences stay within 31
 // bits and the inverse transform within 30.
 #pragma once
 
@@ -22,13 +22,13 @@ class PoissonWaves {
         n_x_(static_cast<size_t>(tables.grid.n_x)),
         n_y_(static_cast<size_t>(tables.grid.n_y)) {}
 
-  // F in Q8, from f in Q11 through n max|f| 2^up < 2^30.
+  // Computes F in Q8 from f in Q11. n max|f| 2^up < 2^30.
   void transform_rows(int32_t largest_f) {
     const int up = std::min(30 - bit_width((int64_t{largest_f} + 1) * t_.grid.n_x), kMaxUp);  // -3 at the least
     const CosineTransform<L> transform(t_.cosine);
     V* in = work();
     V* out = in + t_.stride;
-    std::fill(out, out + t_.stride, L::same(0));
+    std::fill(out, out + t_.stride, L::broadcast(0));
     for (size_t y = 0; y < n_y_; y += kLanes) {
       load_columns(y, in);
       scale_all(in, n_x_, up);
@@ -38,45 +38,45 @@ class PoissonWaves {
     }
   }
 
-  // k = 0: the row sums' flux, summed once more.
+  // k = 0: integrates the row sums twice.
   void sum_column() {
     int64_t flux = 0;
     int64_t height = 0;
     for (size_t y = 0; y < n_y_; ++y) {
-      b_.column[y] = held_wave(height);
+      b_.column[y] = clamp_wave(height);
       flux += b_.row_f(y)[0];
       height += flux;
       b_.row_f(y)[0] = 0;
     }
   }
 
-  // Waves k > 0, tridiagonal along y; returns the largest of all waves.
+  // Solves the waves k > 0, tridiagonal along y. Returns the largest magnitude of all waves.
   int32_t solve_columns() {
-    V n_clamped = L::same(0);
+    V n_clamped = L::broadcast(0);
     for (size_t y = 0; y < n_y_; ++y) {
       const int32_t* factor = t_.factor_q30.data() + y * t_.stride;  // zero in the last row
       for (size_t k = 0; k < t_.stride; k += kLanes) {
-        const V above = y > 0 ? L::load(b_.row_f(y - 1) + k) : L::same(0);
-        const V sum = held<L>(L::sub(above, L::load(b_.row_f(y) + k)), kMaxWave, n_clamped);
+        const V above = y > 0 ? L::load(b_.row_f(y - 1) + k) : L::broadcast(0);
+        const V sum = clamp_counted<L>(L::sub(above, L::load(b_.row_f(y) + k)), kMaxWave, n_clamped);
         const bool is_last = y + 1 == n_y_;
         L::store(b_.row_f(y) + k, is_last ? sum : L::narrow(L::mul(sum, L::load(factor + k)), 30));
       }
     }
     int32_t* last = b_.row_f(n_y_ - 1);
-    for (size_t k = 1; k < n_x_; ++k) last[k] = held_wave(divide_q30(last[k], t_.last_pivot_q30[k]));
-    V largest = L::same(0);
+    for (size_t k = 1; k < n_x_; ++k) last[k] = clamp_wave(divide_q30(last[k], t_.last_pivot_q30[k]));
+    V largest = L::broadcast(0);
     for (size_t k = 0; k < t_.stride; k += kLanes) largest = L::max(largest, L::abs(L::load(last + k)));
     for (size_t y = n_y_ - 1; y-- > 0;) {
       const int32_t* factor = t_.factor_q30.data() + y * t_.stride;
       for (size_t k = 0; k < t_.stride; k += kLanes) {
         const V below = L::narrow(L::mul(L::load(b_.row_f(y + 1) + k), L::load(factor + k)), 30);
-        const V z = held<L>(L::add(L::load(b_.row_f(y) + k), below), kMaxWave, n_clamped);
+        const V z = clamp_counted<L>(L::add(L::load(b_.row_f(y) + k), below), kMaxWave, n_clamped);
         largest = L::max(largest, L::abs(z));
         L::store(b_.row_f(y) + k, z);
       }
     }
     saturations_.count += static_cast<uint64_t>(L::sum(n_clamped));
-    int32_t most = L::largest(largest);
+    int32_t most = L::max_lane(largest);
     for (size_t y = 0; y < n_y_; ++y) {
       b_.row_f(y)[0] = b_.column[y];
       most = std::max(most, std::abs(b_.column[y]));
@@ -84,14 +84,14 @@ class PoissonWaves {
     return most;
   }
 
-  // w in Q8. v = z 2 / n (1 / n for k = 0) goes through the transform with `up` more bits: n max|v| 2^up <= 2^30.
+  // Computes w in Q8. The transform gets v = z 2 / n (1 / n for k = 0) with `up` more bits: n max|v| 2^up <= 2^30.
   void invert_rows(int32_t largest_wave) {
     const int up = std::min(29 - bit_width(largest_wave), kMaxUp);                             // -1 at the least
     const auto scale = static_cast<int32_t>((int64_t{2} << 30) / static_cast<int64_t>(n_x_));  // Q30
     const CosineTransform<L> transform(t_.cosine);
     V* in = work();
     V* out = in + t_.stride;
-    std::fill(out, out + t_.stride, L::same(0));
+    std::fill(out, out + t_.stride, L::broadcast(0));
     for (size_t y = 0; y < n_y_; y += kLanes) {
       load_columns(y, in);
       for (size_t k = 0; k < n_x_; ++k) in[k] = L::narrow(L::scale(in[k], scale), (k == 0 ? 31 : 30) - up);
@@ -105,9 +105,9 @@ class PoissonWaves {
   using V = typename L::V;
   static constexpr size_t kLanes = L::kCount;
   static constexpr int kMaxWave = 1 << 29;  // Q8 of n_x / 2 heights
-  static constexpr int kMaxUp = 16;         // more says nothing: what comes in is whole steps
+  static constexpr int kMaxUp = 16;         // a larger shift gains nothing: inputs are whole steps
 
-  // Rows y, y + 1, ... of f, one a lane, to vectors of one column each.
+  // Loads rows y, y + 1, ... of f, one per lane, transposed to vectors of one column each.
   void load_columns(size_t y, V* out) {
     for (size_t x = 0; x < t_.stride; x += kLanes) {
       for (size_t j = 0; j < kLanes; ++j) out[x + j] = L::load(b_.row_f(y + j) + x);
@@ -120,7 +120,7 @@ class PoissonWaves {
       for (size_t j = 0; j < kLanes; ++j) L::store(b_.row_f(y + j) + x, in[x + j]);
     }
   }
-  // From the first address that vectors may lie at; `work` has room for it.
+  // First suitably aligned address; `work` has room for the alignment.
   V* work() {
     auto* const bytes = reinterpret_cast<char*>(b_.work.data());
     return reinterpret_cast<V*>(bytes + (32 - reinterpret_cast<uintptr_t>(bytes) % 32) % 32);
@@ -128,16 +128,16 @@ class PoissonWaves {
 
   static int bit_width(int64_t x) { return static_cast<int>(std::bit_width(static_cast<uint64_t>(x))); }
 
-  // n vectors times 2^up, rounded where that is less than one.
+  // Multiplies n vectors by 2^up, rounding if `up` is negative.
   static void scale_all(V* v, size_t n, int up) {
     if (up > 0) {
-      for (size_t i = 0; i < n; ++i) v[i] = L::left(v[i], up);
+      for (size_t i = 0; i < n; ++i) v[i] = L::shift_left(v[i], up);
     } else if (up < 0) {
-      for (size_t i = 0; i < n; ++i) v[i] = L::round_right(v[i], -up);
+      for (size_t i = 0; i < n; ++i) v[i] = L::round_shift_right(v[i], -up);
     }
   }
 
-  int32_t held_wave(int64_t z) {
+  int32_t clamp_wave(int64_t z) {
     const int64_t held = std::clamp<int64_t>(z, -kMaxWave, kMaxWave);
     saturations_.count += held == z ? 0 : 1;
     return static_cast<int32_t>(held);

@@ -5,7 +5,7 @@
 namespace ruffini {
 namespace {
 
-// One view as a board of its own.
+// Settings of one view as a board of its own.
 BoardSettings view_board(const BoardSettings& board) {
   if (!board.markers.has_views) return board;
   BoardSettings one = board;
@@ -33,7 +33,7 @@ PrintedMarkers::PrintedMarkers(const BoardSettings& board)
   }
 }
 
-// Each dot to the view that it lies in, in that view's pixels.
+// Assigns each dot to its view, in that view's pixels.
 void PrintedMarkers::share_out(std::span<const Dot> dots) {
   for (View& view : views_) {
     view.dots.clear();
@@ -44,7 +44,7 @@ void PrintedMarkers::share_out(std::span<const Dot> dots) {
   }
 }
 
-// Every view's markers, in the frame's pixels.
+// Collects the markers of all views, in the frame's pixels.
 void PrintedMarkers::gather() {
   auto out = markers_.begin();
   for (const View& view : views_) {
@@ -88,10 +88,10 @@ int PrintedMarkers::track(std::span<const uint16_t> grey, const FrameView& frame
   return n_lost;
 }
 
-int PrintedMarkers::n_unsure(size_t view) const {
+int PrintedMarkers::n_low_confidence(size_t view) const {
   const std::span<const Marker> own = views_[view].tracker.markers();
   return static_cast<int>(
-      std::count_if(own.begin(), own.end(), [](const Marker& m) { return !m.is_absent && !m.is_sure(); }));
+      std::count_if(own.begin(), own.end(), [](const Marker& m) { return !m.is_absent && !m.is_confident(); }));
 }
 
 }  // namespace ruffini

@@ -1,9 +1,9 @@
-// Rays of a lattice of image places, read bilinearly between.
+// Rays on a lattice of image positions, interpolated bilinearly.
 //
-//   a point at height z that is seen at pixel p lies at   X = A(p) + S(p) z
+//   a point at height z that is seen at pixel p is at   X = A(p) + S(p) z
 //
-// A (Q8 um, from the pad's centre) and S (Q20) stand on lattice lines one each 2^k pixels; beyond the image the border's.
-// Frame thread; no allocation after load().
+// A (Q8 um, relative to the pad's centre) and S (Q20) are stored on lattice lines 2^k pixels apart; positions outside
+// the image use the border. Frame thread; no allocation after load().
 #pragma once
 
 #include <cstdint>
@@ -30,13 +30,13 @@ class RayTable {
   static constexpr int64_t kMaxSlopeQ20 = int64_t{1} << 22;  // 76 degrees
   static constexpr int64_t kMaxShift = 4;
 
-  // Lattice over a picture of this size, pixels, the last lines on or behind its last pixels.
+  // Lattice for a picture of this size in pixels; the last lines are on or beyond its last pixels.
   [[nodiscard]] static GridSize lattice_of(GridSize size_px, int shift);
   // `rays`: [y][x][4] on that lattice. `what` names them in the error: kBadInput beyond 1 m or 76 degrees.
   [[nodiscard]] static Result<RayTable> load(std::span<const int32_t> rays, GridSize size_px, int shift,
                                              const std::string& what);
 
-  // The ray through an image place, pixels.
+  // Returns the ray through an image position in pixels.
   [[nodiscard]] PadRay at(int64_t px_x_q16, int64_t px_y_q16) const;
 
  private:

@@ -6,10 +6,10 @@ namespace ruffini {
 namespace {
 
 constexpr uint16_t kMinRest = 512;       // 32 grey levels
-constexpr uint16_t kMaxRest = 16 * 255;  // a stored image may claim more
+constexpr uint16_t kMaxRest = 16 * 255;  // a stored image may contain larger values
 constexpr uint32_t kMaxReciprocal = 32'767;
 constexpr int64_t kMax16 = 32'767;
-constexpr int kMapFrames = 16;  // a row's step is below 1/2048, which no slope of the surface can be told from
+constexpr int kMapFrames = 16;  // the step of a row is below 1/2048, smaller than any detectable slope
 
 int32_t between(int32_t a, int32_t b, int part) {
   return ((Rest::kNodePx - part) * a + part * b + Rest::kNodePx / 2) >> 4;
@@ -42,7 +42,7 @@ void Rest::restart(int n_frames) {
   std::fill(sum_.begin(), sum_.end(), 0U);
 }
 
-void Rest::give_up() {
+void Rest::cancel_learning() {
   if (is_ready_) return;
   restart(n_wanted_);
   is_ready_ = has_image_;
@@ -109,7 +109,7 @@ void Rest::find_node_gains() {
   const auto n = static_cast<size_t>(nodes_.count());
   for (size_t i = 0; i < factor_.size(); ++i) {
     const int64_t gain = (int64_t{gain_[i / n]} * factor_[i] + kUnitGain / 2) >> 20;
-    node_gain_[i] = limited(gain);
+    node_gain_[i] = clamp_gain(gain);
     node_inverse_q14_[i] = static_cast<int32_t>(((int64_t{1} << 34) + node_gain_[i] / 2) / node_gain_[i]);
   }
 }
@@ -130,7 +130,7 @@ void Rest::take_rows(int from, int to) {
   }
 }
 
-// The pixels of a row from one node to the next.
+// Interpolates the pixels of a row between two nodes.
 void Rest::take_cells(size_t channel, int y, int first_x) {
   const auto left = static_cast<size_t>(first_x / kNodePx);
   const auto n = static_cast<size_t>(std::min(kNodePx, width_px_ - first_x));
@@ -138,7 +138,7 @@ void Rest::take_cells(size_t channel, int y, int first_x) {
   const size_t in_plane = channel * (image_.size() / 3) + at;
   const uint16_t* image = &image_[3 * at + channel];
   const uint16_t* dark = dark_.empty() ? nullptr : &dark_[3 * at + channel];
-  // 16 times the value at the pixel, and a half.
+  // 16 times the value at the pixel, plus one half.
   int32_t gain16 = kNodePx * row_gain_[left] + kNodePx / 2;
   int32_t inverse16 = kNodePx * row_inverse_q14_[left] + kNodePx / 2;
   const int32_t gain_step = row_gain_[left + 1] - row_gain_[left];

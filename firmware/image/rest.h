@@ -1,14 +1,14 @@
-// The untouched image: mean of the first frames, and what later stages need of it.
+// Rest image: mean of the first untouched frames, and the tables that later stages derive from it.
 //
 //   rest = (16 sum + n / 2) / n          per channel, 1/16 grey level, uint16
 //   reciprocal = (2^24 + floor / 2) / floor, floor = max(rest, 512), at most 2^15 - 1
 //
-// With a dark frame (what the camera shows with the lamps off: black level, daylight) only rest - dark is of the lamps:
-// it stands for rest in the reciprocal, and the gain multiplies it alone.
+// With a dark frame (picture with the lamps off: black level, daylight) only rest - dark is due to the lamps: it
+// replaces rest in the reciprocal, and the gain applies to it alone.
 //
-// Below 32 grey levels (512) a ratio says little and could leave the 16 bits of RelativeChange. A gain per channel
-// (image/light.h), times a factor between nodes 16 px apart (image/light_map.h; bilinear, half up), makes it the image
-// under other light: rest gain, reciprocal / gain. Another gain counts at once, another map row by row within 16 frames.
+// Below 32 grey levels (512) a ratio is unreliable and could exceed the 16 bits of RelativeChange. A gain per channel
+// (image/light.h), times a factor between nodes 16 px apart (image/light_map.h; bilinear, half up), adapts the image to
+// other light: rest gain, reciprocal / gain. A new gain applies at once, a new map row by row within 16 frames.
 //
 // Frame thread; no allocation after the constructor.
 #pragma once
@@ -30,40 +30,40 @@ class Rest {
   static constexpr Gain unit_gain() { return {kUnitGain, kUnitGain, kUnitGain}; }
 
   static constexpr int kNodePx = 16;
-  // Nodes of a map: the last ones are beyond the last pixel.
+  // Nodes of a map; the last ones are beyond the last pixel.
   static GridSize map_nodes(int width_px, int height_px) {
     return {(width_px - 1) / kNodePx + 2, (height_px - 1) / kNodePx + 2};
   }
-  // As far as a gain may go.
-  static int32_t limited(int64_t gain) {
+  // Clamps to the range of a gain.
+  static int32_t clamp_gain(int64_t gain) {
     return static_cast<int32_t>(std::clamp<int64_t>(gain, kUnitGain * 3 / 4, kUnitGain * 5 / 4));
   }
 
   Rest(int width_px, int height_px, int n_frames);
 
-  // Learn anew from the next n frames (0 = the number given at construction).
+  // Learns a new rest image from the next n frames (0: the number given at construction).
   void restart(int n_frames);
-  // The frames that were to come do not: what was learned before is rest again; learning begins anew where nothing was.
-  void give_up();
-  // Take a stored image, width x height x 3 in 1/16 grey levels.
+  // Cancels learning: the previous rest image is in force again. If there was none, learning starts over.
+  void cancel_learning();
+  // Sets a stored image, width x height x 3 in 1/16 grey levels.
   void load(std::span<const uint16_t> image);
-  // One more untouched frame; true when this one completed the mean.
+  // Adds one untouched frame. Returns true if it completed the mean.
   bool add(const FrameView& frame);
 
-  // What is not of the lamps, width x height x 3 in 1/16 grey levels; empty: nothing.
+  // Sets the picture without lamps, width x height x 3 in 1/16 grey levels; empty: none.
   void set_dark(std::span<const uint16_t> image);
 
-  // The light is this many times what it was; a new image starts from 1 again.
+  // Sets the light relative to the image; a new image starts from 1 again.
   void set_gain(const Gain& gain);
-  // A factor on the gain at every node, planes of B, G and R, Q20; it counts after 16 times advance().
+  // Sets the factor on the gain at every node, planes of B, G and R, Q20. It is in force after 16 calls of advance().
   void set_map(std::span<const int32_t> factor);
-  // Once a frame: a 16th of the rows takes what set_map gave.
+  // Call once a frame: applies the map to a 16th of the rows.
   void advance();
 
   [[nodiscard]] bool is_ready() const { return is_ready_; }
-  [[nodiscard]] bool is_learned_anew() const { return !is_ready_ && has_image_; }
+  [[nodiscard]] bool is_relearning() const { return !is_ready_ && has_image_; }
   [[nodiscard]] std::span<const uint16_t> image() const { return image_; }
-  // As difference.h reads them: planes of B, G and R.
+  // Planes of B, G and R, in the format of difference.h.
   [[nodiscard]] std::span<const int16_t> planes8() const { return planes8_; }
   [[nodiscard]] std::span<const int16_t> reciprocal() const { return reciprocal_; }
 
@@ -80,11 +80,11 @@ class Rest {
   int n_wanted_;
   int n_added_ = 0;
   bool is_ready_ = false;
-  bool has_image_ = false;  // stays while another one is learned
+  bool has_image_ = false;  // remains set while another image is learned
   std::vector<uint32_t> sum_;
   std::vector<uint16_t> image_;
   std::vector<uint16_t> dark_;    // at most the image; empty: 0
-  std::vector<int16_t> planes8_;  // 8 rest
+  std::vector<int16_t> planes8_;  // 8 times the rest image
   std::vector<int16_t> reciprocal_;
   std::vector<int16_t> unit_reciprocal_;  // at gain 1
   GridSize nodes_;
@@ -94,7 +94,7 @@ class Rest {
   std::vector<int32_t> node_inverse_q14_;
   std::vector<int32_t> row_gain_;  // at the nodes of one row of pixels
   std::vector<int32_t> row_inverse_q14_;
-  int next_row_ = 0;  // the height: all rows have the map
+  int next_row_ = 0;  // equals the height when all rows have the map
 };
 
 }  // namespace ruffini

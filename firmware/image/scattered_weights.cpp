@@ -18,7 +18,7 @@ struct Near {
   int marker = 0;
   int64_t apart2 = 0;
 };
-// The nearest markers, nearest first; of equally near ones the first comes first.
+// The nearest markers, sorted by distance; among equals the first one comes first.
 struct Nearest {
   std::array<Near, kCount + 1> item{};
   size_t n = 0;
@@ -47,7 +47,7 @@ Vector basis_q12(int64_t x, int64_t y) { return {4'096, x, y, x * x >> 12, x * y
 Vector first_column_of_inverse(Matrix g) {
   Vector right{int64_t{1} << 26};
   for (size_t p = 0; p < kOrder; ++p) {
-    g[p][p] = std::max(g[p][p], kSlopeQ26 / 2);  // rounding cannot take more
+    g[p][p] = std::max(g[p][p], kSlopeQ26 / 2);  // rounding cannot reduce it further
     for (size_t i = p + 1; i < kOrder; ++i) {
       const int64_t factor = floor_div(g[i][p] << 26, g[p][p]);
       for (size_t j = p; j < kOrder; ++j) g[i][j] -= round_shift(factor * g[p][j], 26);
@@ -75,7 +75,7 @@ MarkerWeights scattered_weights(const PadPoint& place, std::span<const PadPoint>
   }
   MarkerWeights out;
   if (nearest.n == 0) return out;
-  const size_t n = nearest.n - 1;  // the last one only says how far they reach
+  const size_t n = nearest.n - 1;  // the last one only determines the radius
   const int64_t reach2 = std::max<int64_t>(nearest.item[n].apart2, 1);
   const int64_t reach = integer_root(reach2);
   std::array<Vector, kCount> basis{};

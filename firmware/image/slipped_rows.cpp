@@ -5,22 +5,22 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kLeastQ16 = 26'214;    // 0.4 px
+constexpr int64_t kMinQ16 = 26'214;      // 0.4 px
 constexpr int64_t kOfPatchQ16 = 13'107;  // 0.2 px
 constexpr int64_t kPitches = 32;
-constexpr int kLeastRows = 4;
-constexpr int kMost = 10;  // one column of ten may differ
+constexpr int kMinRows = 4;
+constexpr int kOneOf = 10;  // one column of ten may differ
 
 }  // namespace
 
 bool has_slipped_rows(std::span<const Marker> markers, GridSize size, RowsOf what) {
   const int s = what == RowsOf::kPatches ? 2 : 1;
-  if (size.n_y < kLeastRows * s || size.n_x < 2) return false;
+  if (size.n_y < kMinRows * s || size.n_x < 2) return false;
   const auto at = [&](int i, int j) -> const Marker& { return markers[static_cast<size_t>(j * size.n_x + i)]; };
   const auto is_known = [&](int i, int j) { return !at(i, j).is_lost && !at(i, j).is_absent; };
   const int64_t height_q16 = int64_t{at(0, size.n_y - 1).rest_y.raw()} - at(0, 0).rest_y.raw();
   const int64_t limit_q16 =
-      what == RowsOf::kPatches ? kOfPatchQ16 : std::max(kLeastQ16, height_q16 / (size.n_y - 1) / kPitches);
+      what == RowsOf::kPatches ? kOfPatchQ16 : std::max(kMinQ16, height_q16 / (size.n_y - 1) / kPitches);
   const auto is_slipped = [&](int j, ImagePx Marker::* axis) {
     const auto jump = [&](int i, int row) { return int64_t{(at(i, row + s).*axis).raw()} - (at(i, row).*axis).raw(); };
     int n_known = 0;
@@ -40,9 +40,10 @@ bool has_slipped_rows(std::span<const Marker> markers, GridSize size, RowsOf wha
       const int64_t bend = n_beside * jump(i, j) - beside;
       n_more += bend > n_beside * limit_q16 ? 1 : 0;
       n_less += bend < -n_beside * limit_q16 ? 1 : 0;
-      if (kMost * (n_known - std::max(n_more, n_less)) > size.n_x) return false;  // more differ already than may
+      // More columns differ already than allowed
+      if (kOneOf * (n_known - std::max(n_more, n_less)) > size.n_x) return false;
     }
-    return 2 * n_known >= size.n_x && kMost * std::max(n_more, n_less) >= (kMost - 1) * n_known;
+    return 2 * n_known >= size.n_x && kOneOf * std::max(n_more, n_less) >= (kOneOf - 1) * n_known;
   };
   for (int j = 0; j < size.n_y && what == RowsOf::kPatches; ++j) {
     int n_lost = 0;
@@ -51,7 +52,7 @@ bool has_slipped_rows(std::span<const Marker> markers, GridSize size, RowsOf wha
       n_there += at(i, j).is_absent ? 0 : 1;
       n_lost += is_known(i, j) || at(i, j).is_absent ? 0 : 1;
     }
-    if (2 * n_there >= size.n_x && kMost * n_lost >= (kMost - 1) * n_there) return true;
+    if (2 * n_there >= size.n_x && kOneOf * n_lost >= (kOneOf - 1) * n_there) return true;
   }
   for (int j = 0; j + s < size.n_y; ++j) {
     if (is_slipped(j, &Marker::displacement_x) || is_slipped(j, &Marker::displacement_y)) return true;

@@ -4,8 +4,8 @@
 //   bend(j, i) = jump(j, i) - mean of jump(j - s, i) and jump(j + s, i), as far as these exist
 //   slipped      for some j, along x or y, nine tenths of the known columns bend to the same side by more than the
 //                limit; at least half of the columns must be known
-//   dots         s = 1, limit max(0.4 px, pitch / 32): presses on the twin, flat faces as wide as the pad included, bend
-//                at most 0.2 px
+//   dots         s = 1, limit max(0.4 px, pitch / 32): presses on the twin, flat faces as wide as the pad included,
+//                bend at most 0.2 px
 //   patches      of a texture, which overlap and show a jump over three rows: s = 2, limit 0.2 px (presses bend at most
 //                0.07 px); or nine tenths of a row are lost, as where rows stand so far aside that no patch is found
 //

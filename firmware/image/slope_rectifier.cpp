@@ -14,7 +14,7 @@ Result<SlopeRectifier> SlopeRectifier::load(const Calibration& calibration, cons
   const auto n = static_cast<size_t>(out.cells_.count());
   out.sources_.resize(n);
   out.seen_.resize(n);
-  // In cells, Q8; the four cells around a place exist.
+  // In cells, Q8. The four cells around a position exist.
   const auto cell_q8 = [&](int64_t px_q16, int n_cells) {
     const int64_t at = floor_div(2 * px_q16 - (step - 1) * int64_t{65'536}, int64_t{512} * step);
     return std::clamp<int64_t>(at, 0, int64_t{n_cells - 1} << 8);

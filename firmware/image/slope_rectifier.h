@@ -1,5 +1,5 @@
-// Slopes of the depth cells as the image has them -> as the ideal pinhole of image/camera_map.h has them: bilinearly between
-// depth cells; where that view sees beyond the image, the border's. Frame thread; no allocation after load().
+// Resamples the slopes of the depth cells from the image to the ideal pinhole of image/camera_map.h: bilinearly between
+// depth cells; outside the image the border is used. Frame thread; no allocation after load().
 #pragma once
 
 #include <cstdint>
@@ -22,14 +22,14 @@ class SlopeRectifier {
 
  private:
   struct Source {
-    uint32_t cell = 0;  // upper left one of four
+    uint32_t cell = 0;  // upper left of four cells
     uint16_t right_q8 = 0;
     uint16_t below_q8 = 0;
   };
 
   GridSize cells_;
   std::vector<Source> sources_;  // of each depth cell
-  std::vector<CellSlope> seen_;  // the image's slopes, while they are moved
+  std::vector<CellSlope> seen_;  // the image's slopes during resampling
 };
 
 }  // namespace ruffini

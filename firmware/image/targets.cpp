@@ -7,10 +7,10 @@ namespace ruffini {
 namespace {
 
 constexpr int kCoarsePx = 4;
-// Coarse place i is the middle of pixels 4 i to 4 i + 3.
+// Coarse pixel i is the mean of pixels 4 i to 4 i + 3.
 constexpr int64_t kCoarseMiddleQ16 = 3 * 65'536 / 2;
 
-// Of a length on the targets' plane; f / (distance from the pinhole).
+// Converts a length in the plane of the targets to pixels: f / (distance from the pinhole).
 int64_t length_q16(const BoardSettings& board, int64_t um) {
   const int64_t distance_um = board.camera.standoff_um - board.targets.below_um;
   return floor_div(um * board.camera.focal_mpx * 65'536, distance_um * 1'000);
@@ -21,7 +21,7 @@ int radius_px(const BoardSettings& board) {
                                               DiscEdge::kMinRadiusPx, DiscEdge::kMaxRadiusPx));
 }
 
-// A box of four radii a side: a fifth of it is target.
+// A box with sides of four radii: the target fills a fifth of it.
 DotParameters spot_parameters(const BoardSettings& board) {
   const int radius = radius_px(board);
   const int area = radius * radius * 201 / (64 * kCoarsePx * kCoarsePx);  // pi r^2 in coarse pixels, pi = 201 / 64
@@ -34,8 +34,8 @@ DotParameters spot_parameters(const BoardSettings& board) {
           .max_area_px = 3 * area};
 }
 
-std::vector<DiscSight> places_of(const BoardSettings& board) {
-  std::vector<DiscSight> out;
+std::vector<DiscMeasurement> places_of(const BoardSettings& board) {
+  std::vector<DiscMeasurement> out;
   const auto center_q16 = [](int64_t mpx) { return floor_div(mpx * 65'536 + 500, 1'000); };
   for (const PadPlace& at : board.targets.places) {
     out.push_back(
@@ -72,9 +72,9 @@ void TargetTracker::find_spots(std::span<const uint16_t> grey) {
   found_ = spots_.detect(coarse_);
 }
 
-// From the spot that is nearest to where it is expected, within its radius.
-DiscSight TargetTracker::sight(std::span<const uint16_t> grey, const DiscSight& expected) {
-  DiscSight about = expected;
+// Measures from the spot nearest to the expected position, within the target's radius.
+DiscMeasurement TargetTracker::measure(std::span<const uint16_t> grey, const DiscMeasurement& expected) {
+  DiscMeasurement about = expected;
   about.is_seen = false;
   int64_t least = (expected.radius_q12 << 4) * (expected.radius_q12 << 4);
   for (const Dot& spot : found_) {
@@ -89,7 +89,7 @@ DiscSight TargetTracker::sight(std::span<const uint16_t> grey, const DiscSight& 
     about.y_q16 = y;
     about.is_seen = true;
   }
-  return about.is_seen ? edge_.look(grey, about) : about;
+  return about.is_seen ? edge_.locate(grey, about) : about;
 }
 
 int TargetTracker::learn(std::span<const uint16_t> grey) {
@@ -97,7 +97,7 @@ int TargetTracker::learn(std::span<const uint16_t> grey) {
   int n = 0;
   for (size_t i = 0; i < places_.size(); ++i) {
     Target& t = targets_[i];
-    t.rest = t.now = sight(grey, places_[i]);
+    t.rest = t.now = measure(grey, places_[i]);
     t.is_lost = !t.rest.is_seen;
     n += t.is_lost ? 0 : 1;
   }
@@ -108,7 +108,7 @@ int TargetTracker::track(std::span<const uint16_t> grey) {
   find_spots(grey);
   int n_lost = 0;
   for (Target& t : targets_) {
-    const DiscSight now = t.rest.is_seen ? sight(grey, t.rest) : DiscSight{};
+    const DiscMeasurement now = t.rest.is_seen ? measure(grey, t.rest) : DiscMeasurement{};
     t.is_lost = !now.is_seen;
     if (now.is_seen) t.now = now;
     n_lost += t.is_lost ? 1 : 0;

@@ -1,11 +1,11 @@
-// Round dark targets on the tray that carries the pad: centre and area of each, against rest.
+// Round dark targets on the tray that carries the pad: centre and area of each, relative to rest.
 //
-//   coarse    mean of 4 x 4 pixels of grey; image/dots.h finds and labels spots that are dark against their surroundings
-//   identity  a target is the spot nearest to its place in the rest picture, within its own radius: it keeps its number
-//   sight     image/disc_edge.h
+//   coarse    mean of 4 x 4 pixels of grey; image/dots.h finds and labels dark spots
+//   identity  a target is the spot nearest to its rest position, within its own radius, and keeps its number
+//   measure   image/disc_edge.h
 //
-// A target that has no spot, or too few edges, is lost; spots at the picture's border are not seen. Frame thread; no
-// allocation after the constructor. Not in the paper, which counts the pixels below one level.
+// A target without a spot, or with too few edges, is lost; spots at the picture's border are not detected. Frame
+// thread; no allocation after the constructor. Not in the paper, which counts the pixels below one level.
 #pragma once
 
 #include <cstdint>
@@ -20,8 +20,8 @@
 namespace ruffini {
 
 struct Target {
-  DiscSight rest;
-  DiscSight now;  // of a lost one: as it was last seen
+  DiscMeasurement rest;
+  DiscMeasurement now;  // if lost: as it was last seen
   bool is_lost = true;
 };
 
@@ -29,22 +29,22 @@ class TargetTracker {
  public:
   explicit TargetTracker(const BoardSettings& board);
 
-  // Rest: each target near its place on the board. Returns how many there are.
+  // Finds each target near its position on the board, at rest. Returns the number found.
   int learn(std::span<const uint16_t> grey);
-  // Returns how many are lost.
+  // Returns the number of lost targets.
   int track(std::span<const uint16_t> grey);
 
   [[nodiscard]] std::span<const Target> targets() const { return targets_; }
-  // Half of the seen targets stand in light that is a quarter brighter or darker than at rest.
+  // True if half of the visible targets are a quarter brighter or darker than at rest.
   [[nodiscard]] bool is_light_off() const;
 
  private:
   void find_spots(std::span<const uint16_t> grey);
-  [[nodiscard]] DiscSight sight(std::span<const uint16_t> grey, const DiscSight& expected);
+  [[nodiscard]] DiscMeasurement measure(std::span<const uint16_t> grey, const DiscMeasurement& expected);
 
   int width_px_;
   GridSize coarse_size_;
-  std::vector<DiscSight> places_;  // as the board says
+  std::vector<DiscMeasurement> places_;  // positions given by the board
   std::vector<Target> targets_;
   std::vector<uint16_t> coarse_;
   DotDetector spots_;

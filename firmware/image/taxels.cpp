@@ -8,7 +8,7 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kMaxRuns = 1'000'000;
-constexpr uint32_t kMaxRunPixels = 1 << 17;  // of one taxel or patch: 2^17 x 8160 fits 31 bits
+constexpr uint32_t kMaxRunPixels = 1 << 17;  // pixels of one taxel or patch: 2^17 x 8160 fits 31 bits
 
 Error bad(const std::string& what) {
   return {ErrorKind::kBadInput,

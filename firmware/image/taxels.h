@@ -1,12 +1,12 @@
-// How much brighter each opening (taxel) of a glowing skin is than untouched, whatever its light does meanwhile.
+// Relative brightness of each opening (taxel) of a glowing skin, compensated for changes of the skin's own light.
 //
-//   change  = 2^12 sum of glow / sum of base over the taxel's pixels, floor; held to +-2^15
-//   light   = median of all changes: panels that warm up or age; touches light up less than half of the skin
+//   change  = 2^12 sum of glow / sum of base over the taxel's pixels, floor; clamped to +-2^15
+//   light   = median of all changes: warming or ageing panels; touches light up less than half of the skin
 //   ratio   = 2^12 (change - light) / (2^12 + light), floor
-//   stray   = mean glow of each patch of the black surroundings: light from outside; 1/64 levels, floor
+//   stray   = mean glow of each patch of the black surroundings: outside light; 1/64 levels, floor
 //
-// Pixels of taxels and patches are runs (first pixel, length, number) of the calibration, kind `skin`; patches are
-// numbered after the taxels. Not in the paper. Frame thread; no allocation after load().
+// The calibration (kind `skin`) lists the pixels of taxels and patches as runs (first pixel, length, number); patches
+// are numbered after the taxels. Not in the paper. Frame thread; no allocation after load().
 #pragma once
 
 #include <cstdint>
@@ -27,17 +27,17 @@ class Taxels {
 
   [[nodiscard]] static Result<Taxels> load(const Calibration& calibration, const BoardSettings& board);
 
-  // Brightness of the untouched picture, as image/glow.h has it.
+  // Sets the brightness of the untouched picture, in the format of image/glow.h.
   void learn(std::span<const int16_t> base);
   void run(std::span<const int16_t> glow);
 
   [[nodiscard]] std::span<const int32_t> ratio() const { return ratio_; }
   [[nodiscard]] int64_t light_q12() const { return light_q12_; }
-  // Of the brightest patch.
+  // Stray light of the brightest patch.
   [[nodiscard]] int64_t stray_q6() const { return stray_q6_; }
-  // Taxels darker than half of the others' light: a panel that is off, something on the lens.
+  // Number of taxels darker than half of the others' light: a panel is off, or something is on the lens.
   [[nodiscard]] int n_dark() const { return n_dark_; }
-  // Light at rest over that of the calibration, Q12: how far the skin has aged.
+  // Light at rest relative to the calibration, Q12: shows how far the skin has aged.
   [[nodiscard]] int64_t age_q12() const { return age_q12_; }
 
  private:

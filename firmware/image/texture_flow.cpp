@@ -10,14 +10,15 @@ constexpr std::array<PatchShape, 3> kShapes = {{{.n_blocks = 2, .row_step = 2, .
                                                 {.n_blocks = 1, .row_step = 1, .margin_px = 4}}};
 static_assert(kShapes[2].margin_px >= FlowTemplates::kSearchPx);
 
-// Exchanges so that a <= b.
+// Swaps so that a <= b.
 void order(int32_t& a, int32_t& b) {
   const int32_t low = std::min(a, b);
   b = std::max(a, b);
   a = low;
 }
 
-// The fifth of nine: sort three columns, then the largest low, the middle middle and the least high one.
+// Median of nine: sorts three columns, then takes the median of the largest minimum, the middle median and the smallest
+// maximum.
 int32_t median_of(std::array<int32_t, 9> v) {
   for (size_t i = 0; i < 9; i += 3) {
     order(v[i], v[i + 1]);
@@ -74,7 +75,7 @@ TextureFlow::TextureFlow(const BoardSettings& board)
   markers_.resize(n);
 }
 
-// Level 0 row by row, its mean and its smoothing along x three rows ahead.
+// Computes level 0 row by row; its mean and its smoothing along x are three rows ahead.
 void TextureFlow::smooth(std::span<const uint16_t> grey) {
   const auto width = static_cast<size_t>(picture_[0].size.n_x);
   const int height = picture_[0].size.n_y;
@@ -112,19 +113,19 @@ void TextureFlow::halve(const Picture& from, Picture& to) {
   }
 }
 
-void TextureFlow::see(std::span<const uint16_t> grey) {
+void TextureFlow::build_pyramid(std::span<const uint16_t> grey) {
   smooth(grey);
   halve(picture_[0], picture_[1]);
   halve(picture_[1], picture_[2]);
 }
 
 int TextureFlow::learn(std::span<const uint16_t> grey, std::span<const uint16_t> rest) {
-  see(grey);
+  build_pyramid(grey);
   colours_.learn(rest, place_[0]);
   for (size_t level = 0; level < kLevels; ++level) {
     const std::vector<FlowVector>& from = place_[level < 2 ? 0 : 1];
     std::vector<FlowVector>& scaled = level < 2 ? u_ : coarse_;
-    // Centres of pixels: (p + 1/2) / 2^level - 1/2.
+    // Pixel centres: (p + 1/2) / 2^level - 1/2.
     std::transform(from.begin(), from.end(), scaled.begin(), [&](const FlowVector& p) {
       const auto at = [&](int32_t q16) { return ((q16 + 32'768) >> level) - 32'768; };
       return FlowVector{at(p.x_q16), at(p.y_q16)};
@@ -134,7 +135,7 @@ int TextureFlow::learn(std::span<const uint16_t> grey, std::span<const uint16_t>
   int n_found = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
     const bool is_sound = templates_[0].is_sound(i);
-    // What grey alone sees is of its centre of texture.
+    // The displacement from grey applies to the patch's centre of texture.
     const FlowVector center = colours_.is_sound(i) ? place_[0][i] : templates_[0].center(i);
     markers_[i] = Marker{};
     markers_[i].rest_x = ImagePx::from_raw(center.x_q16);
@@ -145,7 +146,7 @@ int TextureFlow::learn(std::span<const uint16_t> grey, std::span<const uint16_t>
   return n_found;
 }
 
-// Component by component over 3 x 3 coarse patches, the border's repeated.
+// Median over 3 x 3 coarse patches, per component; the border is repeated.
 void TextureFlow::median() {
   const int n_x = coarse_lattice_.n_x;
   const int n_y = coarse_lattice_.n_y;
@@ -180,7 +181,7 @@ void TextureFlow::spread() {
 }
 
 int TextureFlow::track(std::span<const uint16_t> grey, const FrameView& frame) {
-  see(grey);
+  build_pyramid(grey);
   templates_[2].search(picture_[2].view(), coarse_);
   median();
   templates_[2].step(picture_[2].view(), coarse_, is_cut_);

@@ -5,7 +5,7 @@ namespace {
 
 constexpr uint64_t kPiQ60 = 3'622'009'729'038'561'421;  // pi 2^60, rounded
 
-// a b / 2^60 of two non-negative Q60 numbers up to pi, rounded down, without leaving 64 bits.
+// Returns a b / 2^60 of two non-negative Q60 numbers up to pi, rounded down, within 64 bits.
 uint64_t mul_q60(uint64_t a, uint64_t b) {
   constexpr uint64_t kLowHalf = 0xFFFF'FFFF;
   const uint64_t a_high = a >> 32;
@@ -14,7 +14,7 @@ uint64_t mul_q60(uint64_t a, uint64_t b) {
   return (a_high * b_high << 4) + (middle >> 28);
 }
 
-// top / bottom in Q60, rounded down. Precondition: top < bottom < 2^32.
+// Returns top / bottom in Q60, rounded down. Precondition: top < bottom < 2^32.
 uint64_t ratio_q60(uint64_t top, uint64_t bottom) {
   const uint64_t high = (top << 30) / bottom;
   const uint64_t rest = (top << 30) % bottom;

@@ -9,7 +9,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kLeastAngle2 = int64_t{1} << 24;  // of slopes Q20: 0.004, a baseline of 1/256 of the distance
+constexpr int64_t kMinAngle2 = int64_t{1} << 24;  // of slopes Q20: 0.004, a baseline of 1/256 of the distance
 
 }  // namespace
 
@@ -46,16 +46,16 @@ PadRay ViewMaps::at(size_t view, int64_t px_x_q16, int64_t px_y_q16) const {
   return views_[view].at(px_x_q16 - left_q16, px_y_q16);
 }
 
-Meeting meet(const PadRay& first, const PadRay& second) {
+RayIntersection triangulate(const PadRay& first, const PadRay& second) {
   const int64_t apart_x = first.x_q8 - second.x_q8;  // within 2^29
   const int64_t apart_y = first.y_q8 - second.y_q8;
   const int64_t turn_x = second.slope_x_q20 - first.slope_x_q20;  // within 2^23
   const int64_t turn_y = second.slope_y_q20 - first.slope_y_q20;
   const int64_t angle2 = turn_x * turn_x + turn_y * turn_y;   // below 2^47
   const int64_t along = turn_x * apart_x + turn_y * apart_y;  // within 2^53
-  Meeting out;
-  if (angle2 < kLeastAngle2 || std::abs(along) / angle2 >= ViewMaps::kMaxHeightQ8 >> 20) return out;
-  // along 2^20 / angle2 in two steps: 2^8 of `along`, below 2^61, then 2^12 of the rest, below 2^59.
+  RayIntersection out;
+  if (angle2 < kMinAngle2 || std::abs(along) / angle2 >= ViewMaps::kMaxHeightQ8 >> 20) return out;
+  // Computes along 2^20 / angle2 in two steps: 2^8 `along`, below 2^61, then 2^12 times the remainder, below 2^59.
   const int64_t whole = floor_div(along << 8, angle2);
   const int64_t rest = (along << 8) - whole * angle2;
   out.z_q8 = (whole << 12) + floor_div(rest << 12, angle2);

@@ -1,8 +1,7 @@
-// Several views of the pad in one frame, side by side and equally wide: two cameras, or one and its mirror image.
+// Several views of the pad in one frame, side by side and equally wide: two cameras, or a camera and its mirror image.
 //
-// Kind `views` of proto/CALIBRATION.md holds one ray table for each (image/ray_table.h); a mirrored view is one like
-// any other, its mirror is in the table. A point that two views see lies where their rays pass nearest to each other at
-// one height:
+// Kind `views` of proto/CALIBRATION.md holds one ray table for each view (image/ray_table.h), which includes any
+// mirror. A point seen in two views is where their rays are closest to each other at one height:
 //
 //   z = (S_2 - S_1) . (A_1 - A_2) / |S_2 - S_1|^2,   x, y = mean of A_i + S_i z
 //
@@ -19,13 +18,13 @@
 
 namespace ruffini {
 
-// Where two rays meet: micrometres Q8, pad frame.
-struct Meeting {
-  bool is_found = false;  // false: nearly parallel, or further than 1 m
+// Intersection of two rays: micrometres Q8, pad frame.
+struct RayIntersection {
+  bool is_found = false;  // false: the rays are nearly parallel, or the point is beyond 1 m
   int64_t x_q8 = 0;
   int64_t y_q8 = 0;
   int64_t z_q8 = 0;
-  int64_t gap_q8 = 0;  // between the rays at that height, the larger of x and y
+  int64_t gap_q8 = 0;  // distance of the rays at that height, the larger of x and y
 };
 
 class ViewMaps {
@@ -37,7 +36,7 @@ class ViewMaps {
   [[nodiscard]] static Result<ViewMaps> load(const Calibration& calibration, const BoardSettings& board);
 
   [[nodiscard]] size_t count() const { return views_.size(); }
-  // The ray through a place of the frame, pixels, in one of the views. Precondition: view < count().
+  // Returns the ray through a position of the frame in pixels, in one view. Precondition: view < count().
   [[nodiscard]] PadRay at(size_t view, int64_t px_x_q16, int64_t px_y_q16) const;
 
  private:
@@ -45,6 +44,6 @@ class ViewMaps {
   std::vector<RayTable> views_;
 };
 
-[[nodiscard]] Meeting meet(const PadRay& first, const PadRay& second);
+[[nodiscard]] RayIntersection triangulate(const PadRay& first, const PadRay& second);
 
 }  // namespace ruffini

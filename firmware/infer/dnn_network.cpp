@@ -1,4 +1,4 @@
-// A network by OpenCV's dnn, on one core. The only file that needs it.
+// Runs a network with OpenCV's dnn on one core. The only file that depends on it.
 #include <algorithm>
 #include <exception>
 #include <opencv2/core.hpp>
@@ -14,7 +14,7 @@ class DnnNetwork : public Network {
  public:
   explicit DnnNetwork(cv::dnn::Net net) : net_(std::move(net)) {}
 
-  bool look(const FrameView& frame, std::span<float> out) override {
+  bool infer(const FrameView& frame, std::span<float> out) override {
     try {
       const cv::Mat picture(frame.height, frame.width, CV_8UC3, const_cast<uint8_t*>(frame.data),
                             static_cast<size_t>(frame.stride));
@@ -24,7 +24,7 @@ class DnnNetwork : public Network {
       if (said.total() != out.size() || said.type() != CV_32F || !said.isContinuous()) return false;
       std::copy_n(said.ptr<float>(), out.size(), out.begin());
       return true;
-    } catch (const std::exception&) {  // OpenCV's, or a size that no memory has
+    } catch (const std::exception&) {  // thrown by OpenCV, or for sizes beyond memory
       return false;
     }
   }
@@ -34,14 +34,14 @@ class DnnNetwork : public Network {
   cv::Mat blob_;
 };
 
-int say_nothing(int, const char*, const char*, const char*, int, void*) { return 0; }
+int ignore_error(int, const char*, const char*, const char*, int, void*) { return 0; }
 
 }  // namespace
 }  // namespace ruffini
 
 extern "C" ruffini::Network* ruffini_open_network(const char* path) {
-  cv::setNumThreads(1);                     // the frame path has the other cores
-  cv::redirectError(ruffini::say_nothing);  // what fails is said once, by the daemon
+  cv::setNumThreads(1);                      // the frame path has the other cores
+  cv::redirectError(ruffini::ignore_error);  // the daemon reports each failure once
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   try {
     cv::dnn::Net net = cv::dnn::readNetFromONNX(path);

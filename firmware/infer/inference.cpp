@@ -23,7 +23,7 @@ uint32_t since(uint64_t then_us, uint64_t now) {
   return static_cast<uint32_t>(std::min<uint64_t>(now > then_us ? now - then_us : 0, UINT32_MAX));
 }
 
-// Only when no other thread wants the core. Where the system does not have it, the network is a thread like others.
+// Sets idle scheduling. Without SCHED_IDLE the network runs as an ordinary thread.
 void run_when_idle() {
   const sched_param none{};
   (void)pthread_setschedparam(pthread_self(), SCHED_IDLE, &none);
@@ -32,12 +32,12 @@ void run_when_idle() {
 }  // namespace
 
 Inference::Inference(NetworkLoader loader, FramePool& pool, int n_buffers, NetworkHealth& health, bool is_lockstep,
-                     std::function<void()> begun)
+                     std::function<void()> on_thread_start)
     : loader_(std::move(loader)),
       pool_(pool),
       health_(health),
       is_lockstep_(is_lockstep),
-      begun_(std::move(begun)),
+      on_thread_start_(std::move(on_thread_start)),
       stamp_(static_cast<size_t>(n_buffers)),
       thread_([this] { loop(); }) {}
 
@@ -51,7 +51,7 @@ void Inference::post(FrameLease lease, uint32_t flags, uint32_t calibration_id) 
   const LearnedStamp stamp{lease.capture_us(), lease.number(), flags, calibration_id};
   const int index = lease.release();
   stamp_[static_cast<size_t>(index)] = stamp;
-  n_open_.fetch_add(1, std::memory_order_relaxed);
+  n_pending_.fetch_add(1, std::memory_order_relaxed);
   if (const std::optional<int> back = mailbox_.post(index)) {
     pool_.give_back(*back);
     health_.skipped.fetch_add(1, std::memory_order_relaxed);
@@ -60,18 +60,18 @@ void Inference::post(FrameLease lease, uint32_t flags, uint32_t calibration_id) 
 }
 
 void Inference::wait_idle() const {
-  for (int n = n_open_.load(std::memory_order_acquire); n > 0; n = n_open_.load(std::memory_order_acquire)) {
-    n_open_.wait(n, std::memory_order_acquire);
+  for (int n = n_pending_.load(std::memory_order_acquire); n > 0; n = n_pending_.load(std::memory_order_acquire)) {
+    n_pending_.wait(n, std::memory_order_acquire);
   }
 }
 
 void Inference::settle() {
-  n_open_.fetch_sub(1, std::memory_order_acq_rel);
-  n_open_.notify_all();
+  n_pending_.fetch_sub(1, std::memory_order_acq_rel);
+  n_pending_.notify_all();
 }
 
 void Inference::loop() {
-  if (begun_) begun_();
+  if (on_thread_start_) on_thread_start_();
   if (!is_lockstep_) run_when_idle();
   if (const Status loaded = load(); loaded) {
     health_.state.store(NetworkState::kRuns, std::memory_order_release);
@@ -88,7 +88,7 @@ void Inference::loop() {
       if (mailbox_.is_closed()) return;
       continue;
     }
-    if (FrameLease lease(pool_, *index); network_ != nullptr) look(lease, stamp_[static_cast<size_t>(*index)]);
+    if (FrameLease lease(pool_, *index); network_ != nullptr) infer(lease, stamp_[static_cast<size_t>(*index)]);
     settle();
   }
 }
@@ -98,9 +98,9 @@ Status Inference::load() {
   if (!loaded) return loaded.error();
   card_ = std::move(loaded.value().card);
   raw_.resize(card_.names.size());
-  const FrameView any = pool_.view(0);  // what it shows does not matter
+  const FrameView any = pool_.view(0);  // its content is irrelevant
   const std::vector<uint8_t> empty(static_cast<size_t>(any.stride * any.height));
-  if (!loaded.value().network->look({empty.data(), any.width, any.height, any.channels, any.stride}, raw_)) {
+  if (!loaded.value().network->infer({empty.data(), any.width, any.height, any.channels, any.stride}, raw_)) {
     return Error{ErrorKind::kBadInput, "the network does not run on this board's frames, or has not the " +
                                            std::to_string(raw_.size()) +
                                            " outputs that its metadata names: export it again"};
@@ -110,10 +110,10 @@ Status Inference::load() {
   return Unit{};
 }
 
-void Inference::look(const FrameLease& lease, const LearnedStamp& stamp) {
+void Inference::infer(const FrameLease& lease, const LearnedStamp& stamp) {
   LearnedResult& out = results_.draft();
   const uint64_t begin_us = now_us();
-  const bool has_numbers = network_->look(lease.view(), raw_) && std::all_of(raw_.begin(), raw_.end(), [](float v) {
+  const bool has_numbers = network_->infer(lease.view(), raw_) && std::all_of(raw_.begin(), raw_.end(), [](float v) {
                              return std::isfinite(v) && std::abs(v) < kLargest;
                            });
   const uint64_t end_us = now_us();

@@ -1,4 +1,5 @@
-// What a learned network said of one frame, and how it fares: from its thread to the frame thread and the link thread.
+// Result of a learned network for one frame, and the health of the network: passed from its thread to the frame and
+// link threads.
 #pragma once
 
 #include <array>
@@ -10,22 +11,22 @@ namespace ruffini {
 
 inline constexpr size_t kMaxLearned = 16;  // outputs of a network: Learned.quantities in ruffini.options
 
-// Of the frame that was looked at.
+// Identifies the processed frame.
 struct LearnedStamp {
   uint64_t capture_us = 0;
   uint64_t frame = 0;
-  uint32_t flags = 0;  // what the frame path says of it
+  uint32_t flags = 0;  // of the frame path
   uint32_t calibration_id = 0;
 };
 
 struct LearnedResult {
   LearnedStamp stamp;
-  bool is_valid = false;  // finite, and within what the network was taught
-  size_t n_values = 0;    // 0: it gave no number
+  bool is_valid = false;  // finite, and within the range of the training data
+  size_t n_values = 0;    // 0: the network gave no number
   std::array<int64_t, kMaxLearned> value{};
-  uint32_t took_us = 0;     // the network alone
+  uint32_t took_us = 0;     // time of the network alone
   uint32_t latency_us = 0;  // from mid-exposure to the result
-  uint32_t period_us = 0;   // since the result before; 0: the first
+  uint32_t period_us = 0;   // since the previous result; 0: first result
 };
 
 // Numbers are those of NetworkState in ruffini.proto.

@@ -1,4 +1,4 @@
-// A learned network: an ONNX file that says of itself for which board it is (proto/NETWORK.md), and who runs it.
+// A learned network: an ONNX file whose metadata names its board (proto/NETWORK.md), and its runtime.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace ruffini {
 
-// The file's metadata. Names carry their units; low and high: what was taught of each output, in those units.
+// Metadata of the file. Names include units; low and high: training range of each output, in those units.
 struct NetworkCard {
   std::vector<std::string> names;
   std::vector<int64_t> low;
@@ -22,14 +22,15 @@ struct NetworkCard {
   std::string sha256;  // of the whole file
 };
 
-// Reads all but the weights. Errors: kUnavailable, no file; kBadInput, no network of ours; kRefused, another board's.
+// Reads everything but the weights. Errors: kUnavailable if there is no file; kBadInput if it is not a valid network;
+// kRefused if it is for another board.
 [[nodiscard]] Result<NetworkCard> read_network_card(const std::string& path, const BoardSettings& board);
 
 class Network {
  public:
   virtual ~Network() = default;
-  // What it says of a frame into `out`; false where it cannot run or has another number of outputs.
-  [[nodiscard]] virtual bool look(const FrameView& frame, std::span<float> out) = 0;
+  // Writes the outputs for a frame to `out`. Returns false if the network cannot run or has another number of outputs.
+  [[nodiscard]] virtual bool infer(const FrameView& frame, std::span<float> out) = 0;
 };
 
 struct LoadedNetwork {
@@ -38,7 +39,7 @@ struct LoadedNetwork {
 };
 using NetworkLoader = std::function<Result<LoadedNetwork>()>;
 
-// Card and network of a file; loads libruffini_infer.so, which alone needs OpenCV's dnn, when it is first called.
+// Loads card and network of a file. The first call loads libruffini_infer.so, the only library that needs OpenCV's dnn.
 [[nodiscard]] Result<LoadedNetwork> load_network(const std::string& path, const BoardSettings& board);
 
 }  // namespace ruffini

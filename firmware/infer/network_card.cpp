@@ -14,7 +14,7 @@
 namespace ruffini {
 namespace {
 
-// Protocol Buffers: of ModelProto only metadata_props (field 14: key 1, value 2) is read, the weights are passed over.
+// Protocol Buffers: of ModelProto only metadata_props (field 14: key 1, value 2) is read; the weights are skipped.
 constexpr uint64_t kMetadataProps = 14;
 constexpr uint64_t kVarint = 0;
 constexpr uint64_t kBytes = 2;
@@ -36,7 +36,7 @@ std::optional<uint64_t> read_varint(std::istream& in) {
   return std::nullopt;
 }
 
-// Text of one field of `in`, which holds an entry of the metadata.
+// Text of one field of `in`, which holds one metadata entry.
 std::optional<std::string> read_text(std::istream& in, uint64_t field) {
   const auto tag = read_varint(in);
   const auto size = read_varint(in);
@@ -46,7 +46,7 @@ std::optional<std::string> read_text(std::istream& in, uint64_t field) {
   return text;
 }
 
-// False where the file is no message of protobuf, or says more of itself than any network of ours.
+// Returns false if the file is not a protobuf message, or has more metadata than any valid network.
 bool read_metadata(std::istream& in, uint64_t n_bytes, std::map<std::string, std::string>& out) {
   while (const auto tag = read_varint(in)) {
     if ((*tag & 7) == kVarint) {
@@ -79,7 +79,7 @@ std::vector<std::string> split(const std::string& text) {
   return parts;
 }
 
-// What a file says of itself, for a terminal and for a message of the wire, whose texts are UTF-8.
+// Sanitizes the file's text for a terminal and for messages, whose texts are UTF-8.
 std::string plain(std::string text) {
   constexpr size_t kShown = 40;
   if (text.size() > kShown) text = text.substr(0, kShown) + "...";
@@ -119,7 +119,7 @@ std::string sha256_of(std::istream& in) {
 }  // namespace
 
 Result<NetworkCard> read_network_card(const std::string& path, const BoardSettings& board) {
-  std::error_code problem;  // a pipe would be waited for, forever
+  std::error_code problem;  // opening a pipe would block forever
   const bool is_file = std::filesystem::is_regular_file(path, problem);
   std::ifstream in(is_file ? path : std::string(), std::ios::binary | std::ios::ate);
   if (!in) {

@@ -6,8 +6,8 @@
 namespace ruffini {
 namespace {
 
-constexpr size_t kStored = 2;     // files of the store that a start tries
-constexpr size_t kMostTried = 8;  // by an undo
+constexpr size_t kStored = 2;    // stored files that a start tries
+constexpr size_t kMaxTried = 8;  // stored files that an undo tries
 
 uint32_t first_four_bytes(const std::string& hash) {
   uint32_t id = 0;
@@ -78,7 +78,7 @@ Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes)
 Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::string& problem) {
   clock_ = clock;
   Prepared prepared = prepare_stored();
-  if (store_.has_lost_trial()) {
+  if (store_.has_discarded_trial()) {
     if (!problem_.empty()) problem_ += "; ";
     problem_ += "the last flash was on trial when the power went: flash it again; what was before is in force";
   }
@@ -104,19 +104,20 @@ Calibrator::Prepared Calibrator::prepare_stored() {
   };
   const std::array<Source, 3> sources = {
       {{"stored calibration", store_.load(0)}, {"the one before it", store_.load(1)}, {"the factory's", factory_}}};
-  nth_in_force_ = 0;
+  active_index_ = 0;
   for (size_t i = 0; i < sources.size(); ++i) {
     const Source& source = sources[i];
     if (source.bytes && source.bytes.value().empty()) continue;
     auto prepared = source.bytes ? prepare(source.bytes.value()) : Result<Prepared>(source.bytes.error());
     if (prepared) {
       if (!problem_.empty()) problem_ += std::string("; ") + source.name + " is in force";
-      nth_in_force_ = i < kStored ? i : 0;
+      active_index_ = i < kStored ? i : 0;
       return std::move(prepared).value();
     }
     problem_ += std::string(problem_.empty() ? "" : "; ") + source.name + " not used: " + prepared.error().message;
   }
-  return {FramePath::configure(board_, nullptr, clock_).value(), {}};  // tables can be wrong, and here are none
+  // Cannot fail: without a calibration there are no tables
+  return {FramePath::configure(board_, nullptr, clock_).value(), {}};
 }
 
 Status Calibrator::begin(uint64_t size_bytes, const std::string& sha256) {
@@ -168,13 +169,13 @@ Status Calibrator::commit() {
   }
   Status stored = store_.stage(upload_);
   if (stored && rule_.n_good == 0) {
-    stored = store_.confirm(manifest.epoch, nth_in_force_);
-    if (stored) nth_in_force_ = 0;
+    stored = store_.confirm(manifest.epoch, active_index_);
+    if (stored) active_index_ = 0;
   }
   if (!stored) return stored;
   abort();
   problem_.clear();
-  put_in_force(std::move(prepared).value());
+  activate(std::move(prepared).value());
   is_on_trial_ = rule_.n_good != 0;
   return Unit{};
 }
@@ -182,7 +183,7 @@ Status Calibrator::commit() {
 PathTally Calibrator::tally() const {
   const PathTally tally = exchange_.tally;
   const bool is_active = active_.is_present && tally.calibration_id == first_four_bytes(active_.sha256);
-  return is_active ? tally : PathTally{};  // else the frame thread has not taken it over yet
+  return is_active ? tally : PathTally{};  // otherwise the frame thread has not taken it over yet
 }
 
 std::optional<TrialEnd> Calibrator::poll() {
@@ -200,10 +201,10 @@ std::optional<TrialEnd> Calibrator::poll() {
 }
 
 TrialEnd Calibrator::confirm() {
-  const Status confirmed = store_.confirm(active_.manifest.epoch, nth_in_force_);
+  const Status confirmed = store_.confirm(active_.manifest.epoch, active_index_);
   is_on_trial_ = false;
   if (confirmed) {
-    nth_in_force_ = 0;
+    active_index_ = 0;
     return {true, "the new calibration is in force"};
   }
   problem_ = confirmed.error().message;
@@ -219,8 +220,8 @@ TrialEnd Calibrator::confirm() {
 
 void Calibrator::revert() {
   is_on_trial_ = false;
-  (void)store_.reject();  // what stays is removed at the next start
-  put_in_force(prepare_stored());
+  (void)store_.reject();  // a file that remains is removed at the next start
+  activate(prepare_stored());
 }
 
 Status Calibrator::undo() {
@@ -228,27 +229,27 @@ Status Calibrator::undo() {
     revert();
     return Unit{};
   }
-  // The newest of those before it that can be used: a power cut may have left a spoilt one between them.
+  // The newest usable file before them: a power cut may have left a damaged one in between.
   std::optional<Error> why;
-  for (size_t n = nth_in_force_ + 1;; ++n) {
+  for (size_t n = active_index_ + 1;; ++n) {
     const auto before = store_.load(n);
     if (before && before.value().empty()) break;
     auto prepared = before ? prepare(before.value()) : Result<Prepared>(before.error());
     if (prepared) {
       Status undone = store_.undo(n);
       if (!undone) return undone;
-      nth_in_force_ = 0;
-      put_in_force(std::move(prepared).value());
+      active_index_ = 0;
+      activate(std::move(prepared).value());
       return undone;
     }
     if (!why) why = prepared.error();
-    if (n > kMostTried) break;  // the medium cannot even be listed
+    if (n > kMaxTried) break;  // the medium cannot even be listed
   }
   if (why) return *why;
   return Error{ErrorKind::kBadInput, "no calibration was in force before this one: flash the file that is wanted"};
 }
 
-void Calibrator::put_in_force(Prepared prepared) {
+void Calibrator::activate(Prepared prepared) {
   active_ = std::move(prepared.calibration);
   exchange_.tally = PathTally{};
   delete exchange_.next_path.exchange(prepared.path.release(), std::memory_order_acq_rel);

@@ -1,6 +1,6 @@
-// From uploaded bytes to a calibration in force: hash, layout, signature, target, bounds proof, then the medium, then
-// the frame thread on trial, and in force for good once it has shown good frames. Until then a restart, an undo and
-// the trial's failure go back to what was in force before. Link thread only.
+// Turns uploaded bytes into the calibration in force: checks hash, layout, signature, target and bounds, writes the
+// file to the medium, gives it to the frame thread on trial, and confirms it after enough good frames. Until then a
+// restart, an undo or a failed trial restores the previous calibration. Link thread only.
 #pragma once
 
 #include <cstdint>
@@ -20,19 +20,20 @@ namespace ruffini {
 struct ActiveCalibration {
   static constexpr char kPassed[] = "passed";
 
-  [[nodiscard]] bool is_unjudged() const { return is_present && gates != kPassed; }
+  [[nodiscard]] bool lacks_passed_gates() const { return is_present && gates != kPassed; }
 
   bool is_present = false;
   std::string sha256;
   std::string created_utc;
   std::string kinds;
-  std::string gates;  // of its report: kPassed, what failed, or empty where nobody has judged it
+  std::string gates;  // of its report: kPassed, the failed ones, or empty if it was never judged
   Signer signer;
   Manifest manifest;
   std::shared_ptr<const CalibrationFile> file;
 };
 
-// So many good frames (none of kWrongFlags) confirm a calibration, so many frames without them end it. 0: no trial.
+// Number of good frames (none of kWrongFlags) that confirm a calibration, and of frames after which an unconfirmed
+// trial ends. 0: no trial.
 struct TrialRule {
   uint16_t n_good = 32;
   uint16_t n_frames = 256;
@@ -41,7 +42,7 @@ struct TrialRule {
 // How a trial ended.
 struct TrialEnd {
   bool is_confirmed = false;
-  std::string text;  // for a person
+  std::string text;  // for people
 };
 
 class Calibrator {
@@ -52,36 +53,36 @@ class Calibrator {
   Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange,
              TrialRule rule = TrialRule(), KeyRing keys = KeyRing());
 
-  // The path for the calibration in force, where that is spoilt for the one before it, then for the factory's, else
-  // without one; `problem` says why a stored file was not used, or what the medium cannot do.
+  // Creates the path for the calibration in force; if that is damaged, for the previous one, then for the factory's,
+  // else for none. `problem`: why a stored file was not used, or what the medium cannot do.
   [[nodiscard]] Result<std::unique_ptr<FramePath>> start(ClockFunction clock, std::string& problem);
-  // Without a calibration, though one may be stored: the last runs have crashed.
+  // Starts without the stored calibration, after repeated crashes.
   [[nodiscard]] Result<std::unique_ptr<FramePath>> start_safe(ClockFunction clock, std::string& problem);
 
-  // What is used where the medium has nothing that can be: of a read-only image. To be called before start().
+  // Fallback if the medium has no usable file, e.g. from a read-only image. Call before start().
   void set_factory(std::vector<uint8_t> file) { factory_ = std::move(file); }
 
   [[nodiscard]] Status begin(uint64_t size_bytes, const std::string& sha256);
   [[nodiscard]] Status chunk(uint64_t offset, std::span<const uint8_t> data);
-  // On success the file is durable and handed to the frame thread, on trial where the rule wants one.
+  // On success the file is durable and with the frame thread, on trial if the rule demands one.
   [[nodiscard]] Status commit();
   void abort();
-  // Puts in force what was so before the last commit, which ends its trial; once more takes that back.
+  // Restores the calibration before the last commit and ends its trial. A second call reverts the first.
   [[nodiscard]] Status undo();
-  // The trial's end, once. To be called now and then.
+  // Returns the end of the trial once. Call regularly.
   [[nodiscard]] std::optional<TrialEnd> poll();
 
   [[nodiscard]] uint64_t next_offset() const { return upload_.size(); }
   [[nodiscard]] bool is_receiving() const { return is_receiving_; }
   [[nodiscard]] bool is_complete() const { return is_receiving_ && upload_.size() == size_bytes_; }
-  // What the frames are computed with.
+  // The calibration that frames are computed with.
   [[nodiscard]] const ActiveCalibration& active() const { return active_; }
   [[nodiscard]] bool is_on_trial() const { return is_on_trial_; }
-  // Good frames of the trial so far, and how many are wanted.
+  // Number of good frames in the trial, and how many it needs.
   [[nodiscard]] PathTally tally() const;
   [[nodiscard]] const TrialRule& rule() const { return rule_; }
   [[nodiscard]] const KeyRing& keys() const { return keys_; }
-  // Why the last trial ended without success, or stored files are not used; empty: nothing to say.
+  // Why the last trial failed, or why stored files are not used; empty: no problem.
   [[nodiscard]] const std::string& problem() const { return problem_; }
 
  private:
@@ -89,13 +90,13 @@ class Calibrator {
     std::unique_ptr<FramePath> path;
     ActiveCalibration calibration;
   };
-  // Whatever is used passes here: layout, signature, target, security epoch, bounds proof.
+  // Every file must pass this check: layout, signature, target, security epoch, bounds.
   [[nodiscard]] Result<Prepared> prepare(std::span<const uint8_t> bytes) const;
-  // For the newest stored file that is sound, or for none; what is wrong with others goes to `problem_`.
+  // Prepares the newest usable stored file, or none; problems of the others go to `problem_`.
   [[nodiscard]] Prepared prepare_stored();
-  void put_in_force(Prepared prepared);
+  void activate(Prepared prepared);
   [[nodiscard]] TrialEnd confirm();
-  // Goes back to what is in force on the medium.
+  // Returns to the calibration in force on the medium.
   void revert();
 
   BoardSettings board_;
@@ -106,7 +107,7 @@ class Calibrator {
   KeyRing keys_;
   std::vector<uint8_t> factory_;
   bool is_on_trial_ = false;
-  size_t nth_in_force_ = 0;  // of the stored files, newest first: an undo goes back to it while another is on trial
+  size_t active_index_ = 0;  // index among the stored files, newest first: an undo during a trial returns to it
   std::string problem_;
   ClockFunction clock_ = nullptr;
   ActiveCalibration active_;

@@ -1,4 +1,4 @@
-// Messages that stages add to CONTACTS, each encoded in its stage's folder.
+// Messages that stages add to CONTACTS, each encoded in the folder of its stage.
 #pragma once
 
 #include <span>
@@ -9,8 +9,8 @@
 
 namespace ruffini {
 
-// The board's pipeline writes `slot`. `encode` fills its own message of the contacts that are in `out`, in the order of
-// slot kContacts.
+// Used if the board's pipeline writes `slot`. `encode` adds its message for the contacts in `out`, in the order of slot
+// kContacts.
 struct ContactPart {
   Slot slot;
   void (*encode)(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);

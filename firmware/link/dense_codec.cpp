@@ -62,7 +62,7 @@ DenseBytes encode_dense(std::span<const int32_t> values, size_t n_components, st
   };
   size_t n_active = 0;
   for (size_t node = 0; node < n_nodes; ++node) n_active += is_active(node) ? size_t{1} : size_t{0};
-  // The bitmap pays as soon as an eighth of the nodes is still: a value takes some bits, a node one bit.
+  // The bitmap pays off if at least an eighth of the nodes are zero: it costs one bit per node, a value several bits.
   if (n_active * 8 >= n_nodes * 7) {
     BlockWriter writer(out.data());
     for (const int32_t v : values) writer.add(v);

@@ -10,7 +10,7 @@ namespace ruffini {
 
 enum class DenseCodec : uint8_t { kPacked = 0, kSparse = 1 };
 
-// Bytes that `n_values` need at most, in either codec.
+// Upper bound of the bytes for `n_values`, with either codec.
 [[nodiscard]] constexpr size_t dense_bound(size_t n_values) {
   const size_t n_blocks = (n_values + 31) / 32;
   return n_blocks * (1 + 4 * 32) + (n_values + 7) / 8;
@@ -21,8 +21,8 @@ struct DenseBytes {
   size_t n_bytes = 0;
 };
 
-// The smaller of both codecs into `out` (dense_bound(values.size()) bytes). `values` are node by node,
-// n_components each.
+// Writes the smaller encoding to `out` (dense_bound(values.size()) bytes). `values`: n_components per node, node by
+// node.
 DenseBytes encode_dense(std::span<const int32_t> values, size_t n_components, std::span<uint8_t> out);
 
 }  // namespace ruffini

@@ -1,4 +1,4 @@
-// What the frame thread and the link thread share: atomics and one ring, no lock.
+// Data shared by the frame thread and the link thread: atomics and one ring, no lock.
 #pragma once
 
 #include <array>
@@ -15,21 +15,21 @@ namespace ruffini {
 inline constexpr size_t kMessageTypes = 17;
 inline constexpr size_t kTelemetryRingBytes = size_t{4} << 20;
 inline constexpr int32_t kNoTemperature = INT32_MIN;
-inline constexpr int kNoZero = -1;
-inline constexpr int kGiveUpZero = -2;
-inline constexpr uint32_t kPowerShortNow = 0x1;  // bit of `throttled`
-inline constexpr uint32_t kThrottledNow = 0xF;   // bits of `throttled` that are so now (hw/throttling.h)
+inline constexpr int kNoZeroRequest = -1;
+inline constexpr int kCancelZero = -2;
+inline constexpr uint32_t kUndervoltageNow = 0x1;  // bit of `throttled`
+inline constexpr uint32_t kThrottledNow = 0xF;     // bits of `throttled` that hold at present (hw/throttling.h)
 
 // Numbers are those of ReflexState in ruffini.proto.
-enum class ReflexState : uint8_t { kNotAsked = 0, kOff = 1, kOn = 2, kFailed = 3 };
+enum class ReflexState : uint8_t { kNotConfigured = 0, kOff = 1, kOn = 2, kFailed = 3 };
 
-// Of the path in use: its frames so far, and how many of them had no flag that makes forces invalid.
+// Counts for the path in use: frames so far, and those without a flag that invalidates forces.
 struct PathTally {
   uint32_t calibration_id = 0;
-  uint16_t n_frames = 0;  // stays at its largest
+  uint16_t n_frames = 0;  // saturates
   uint16_t n_good = 0;
 };
-// The last frame that was computed; the link thread reads it when none has come for a while.
+// The last computed frame. The link thread reads it if no further frame has come for a while.
 struct LastFrame {
   std::atomic<uint64_t> capture_us{0};
   std::atomic<uint64_t> number{0};
@@ -40,14 +40,14 @@ static_assert(std::atomic<PathTally>::is_always_lock_free);
 
 struct Exchange {
   // Written by the link thread, read by the frame thread.
-  std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send each n-th frame; 0 = never
-  std::atomic<int> zero_frames{kNoZero};                     // request, or one of the two above
+  std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send every n-th frame; 0: none
+  std::atomic<int> zero_frames{kNoZeroRequest};              // request, or one of the two constants above
   std::atomic<bool> zero_even_if_touched{false};             // of that request
   std::atomic<FramePath*> next_path{nullptr};                // to swap in between frames; ownership passes
   std::atomic<int32_t> milli_celsius{kNoTemperature};        // of the board's thermometer
-  // Of the link thread alone.
+  // Used by the link thread only.
   std::atomic<uint32_t> throttled{0};        // hw/throttling.h
-  std::atomic<bool> has_light_fault{false};  // the lamps are not as the board asks
+  std::atomic<bool> has_light_fault{false};  // the lamps are not in the state that the board demands
   // Written by the frame thread, read by the link thread.
   std::atomic<FramePath*> retired_path{nullptr};  // to be deleted by the link thread
   SpscRing telemetry{kTelemetryRingBytes};        // u8 message type, then its frames
@@ -57,29 +57,29 @@ struct Exchange {
   std::atomic<uint32_t> flags{0};
   std::atomic<PathTally> tally{};
   LastFrame last_frame;
-  std::atomic<uint32_t> wrong_flags{0};  // all that the path in use has had of kWrongFlags
-  std::atomic<bool> is_touched{false};   // something presses on the pad
-  std::atomic<bool> is_zeroing{false};   // another rest is being learned
+  std::atomic<uint32_t> wrong_flags{0};  // union of the kWrongFlags of all frames of the path in use
+  std::atomic<bool> is_touched{false};   // the pad is in contact
+  std::atomic<bool> is_zeroing{false};   // a new rest image is being learned
   std::atomic<uint32_t> refused_zeros{0};
   std::atomic<uint64_t> missed_deadlines{0};
-  std::atomic<uint32_t> zero_moved_nm{0};  // by creep, since rest was learned
+  std::atomic<uint32_t> zero_moved_nm{0};  // due to creep, since rest was learned
   std::atomic<bool> is_zero_at_limit{false};
-  std::atomic<ReflexState> reflex{ReflexState::kNotAsked};
+  std::atomic<ReflexState> reflex{ReflexState::kNotConfigured};
   std::atomic<uint64_t> reflex_trips{0};
-  std::atomic<uint32_t> skin_light_1e3{0};                       // at rest, over the calibration's; 0: not known
+  std::atomic<uint32_t> skin_light_1e3{0};                       // at rest, relative to the calibration; 0: unknown
   std::array<std::atomic<uint64_t>, kMaxStages> stage_sum_ns{};  // since the last status
   std::array<std::atomic<uint64_t>, kMaxStages> stage_max_ns{};
-  // Written by the network's thread, where the board asks for one.
+  // Written by the thread of the learned network, if the board has one.
   NetworkHealth network;
   // Written by the capture thread.
-  std::atomic<bool> is_camera_live{false};  // frames come by themselves, and are not over
+  std::atomic<bool> is_camera_live{false};  // frames arrive on their own, and the stream has not ended
   std::atomic<uint64_t> frames_captured{0};
   std::atomic<uint64_t> frames_overrun{0};
   std::atomic<uint64_t> frames_invalid{0};
-  std::atomic<uint64_t> frames_missed{0};    // numbered by the camera, never given
-  std::atomic<uint64_t> frames_repeated{0};  // not used (capture/frame_order.h)
+  std::atomic<uint64_t> frames_missed{0};    // numbers that the camera skipped
+  std::atomic<uint64_t> frames_repeated{0};  // discarded (capture/frame_order.h)
   std::atomic<uint64_t> time_faults{0};
-  std::atomic<uint64_t> capture_turns{0};  // of its loop, for the watchdog
+  std::atomic<uint64_t> capture_iterations{0};  // iterations of its loop, for the watchdog
 };
 
 }  // namespace ruffini

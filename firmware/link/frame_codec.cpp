@@ -44,7 +44,8 @@ size_t cobs_encode(std::span<const uint8_t> in, uint8_t* out) {
   return at;
 }
 
-// Number of decoded bytes; nullopt where `in` is no COBS. Precondition: no byte of `in` is zero (they end frames).
+// Returns the number of decoded bytes; nullopt if `in` is not valid COBS. Precondition: no byte of `in` is zero (zeros
+// end frames).
 std::optional<size_t> cobs_decode(std::span<const uint8_t> in, uint8_t* out) {
   size_t at = 0;
   size_t i = 0;

@@ -37,7 +37,7 @@ struct WireFrame {
 size_t encode_frame(const FrameHeader& header, std::span<const uint8_t> payload,
                     std::span<uint8_t, kMaxFrameBytes> out);
 
-// Why received bytes were thrown away.
+// Reasons for discarding received bytes.
 struct DecoderCounters {
   uint64_t bad_crc = 0;
   uint64_t malformed = 0;  // COBS, length, version, unknown flags, fragment numbers

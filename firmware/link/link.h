@@ -1,4 +1,4 @@
-// The line to the host: bytes, in order, as many as it takes now. Never blocks but in wait(). Link thread only.
+// The line to the host: a byte stream that accepts as much as it can at once. Only wait() blocks. Link thread only.
 #pragma once
 
 #include <cstdint>
@@ -9,14 +9,14 @@ namespace ruffini {
 class Link {
  public:
   virtual ~Link() = default;
-  // Bytes moved; 0 = nothing now; -1 = the line hung up (reopen() may bring it back).
+  // Returns the number of bytes moved; 0: none at present; -1: the line hung up (reopen() may restore it).
   virtual int read(std::span<uint8_t> out) = 0;
   virtual int write(std::span<const uint8_t> bytes) = 0;
-  // Until there is something to read or, where `is_writing`, room to write; at most so long.
+  // Waits until there is something to read or, if `is_writing`, room to write; at most timeout_ms.
   virtual void wait(bool is_writing, int timeout_ms) = 0;
-  // Something that was written is still on its way to the host.
+  // True if written data is still on its way to the host.
   [[nodiscard]] virtual bool has_unsent() const = 0;
-  // After a hang-up: what the host before did not read is forgotten. True when the line is usable again.
+  // After a hang-up: discards data that the previous host has not read. Returns true if the line is usable again.
   virtual bool reopen() = 0;
 };
 

@@ -11,7 +11,7 @@
 namespace ruffini {
 namespace {
 
-constexpr size_t kMessageOverhead = 1'024;  // everything of a message that is not dense data
+constexpr size_t kMessageOverhead = 1'024;  // upper bound of a message without its dense data
 
 bool write_span(pb_ostream_t* stream, const pb_field_t* field, void* const* arg) {
   const auto& bytes = *static_cast<const std::span<const uint8_t>*>(*arg);
@@ -22,7 +22,7 @@ ruffini_Stamp to_proto(const FrameStamp& stamp, uint32_t flags) {
   return {.capture_us = stamp.capture_us, .frame = stamp.frame, .flags = flags, .calibration_id = stamp.calibration_id};
 }
 
-// Stick and slip are read off shear and pressure: without both in newtons they are not measured.
+// Stick and slip are derived from shear and pressure: they are not measured unless both are in newtons.
 bool is_force(const FrameState& s) { return s.force.xy == Validity::kValid && s.force.z == Validity::kValid; }
 
 }  // namespace
@@ -63,7 +63,7 @@ size_t MessageEncoder::serialise(const pb_msgdesc_t* fields, const void* message
   return pb_encode(&stream, fields, message) ? stream.bytes_written : 0;
 }
 
-// Packs values_ (size.count() x n_components) and points `out` at the bytes.
+// Packs values_ (size.count() x n_components) and sets `out` to the bytes.
 void MessageEncoder::pack(ruffini_Dense& out, GridSize size, size_t n_components, size_t part) {
   const size_t n_values = static_cast<size_t>(size.count()) * n_components;
   const DenseBytes packed = encode_dense({values_.data(), n_values}, n_components, dense_[part]);
@@ -148,7 +148,7 @@ size_t MessageEncoder::residual(const FramePath& path, const FrameStamp& stamp) 
   m.stamp = to_proto(stamp, path.state().flags);
   m.validity = to_proto(residual.validity);
   if (residual.validity != Validity::kNotMeasured) {
-    m.residual_lsb_1e6 = 1'000'000 >> SupportSolver::kLeftFraction;
+    m.residual_lsb_1e6 = 1'000'000 >> SupportSolver::kResidualFraction;
     std::copy(residual.node.begin(), residual.node.end(), values_.begin());
     m.has_residual = true;
     pack(m.residual, path.nodes().size(), 3, 0);
@@ -242,7 +242,7 @@ size_t MessageEncoder::markers(const FramePath& path, const FrameStamp& stamp) {
   }
   m.has_displacement = true;
   pack(m.displacement, lattice, 2, 0);
-  if (path.are_markers_graded()) {
+  if (path.has_marker_quality()) {
     std::transform(markers.begin(), markers.end(), values_.begin(),
                    [](const Marker& marker) { return int32_t{marker.quality}; });
     m.has_quality = true;
@@ -306,7 +306,8 @@ void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, con
 }
 
 void MessageEncoder::send(ruffini_MessageType type, size_t n_payload, uint8_t flags, const Sink& sink) {
-  const uint32_t sequence = sequence_++;  // of a message that cannot be sent: the host counts the gap
+  // A message that cannot be sent still takes a number, so that the host counts the gap
+  const uint32_t sequence = sequence_++;
   if (n_payload == 0) return;
   const size_t n_bytes = write_frames(type, flags, sensor_, sequence, {payload_.data(), n_payload}, frames_);
   if (n_bytes > 0) sink(type, {frames_.data(), n_bytes});

@@ -1,6 +1,6 @@
-// FrameState -> protobuf messages (nanopb) -> frames, into memory that was there before.
+// Encodes FrameState as protobuf messages (nanopb) and these as frames, into preallocated memory.
 //
-// Thread-bound to the frame thread. No allocation after the constructor.
+// Frame thread. No allocation after the constructor.
 #pragma once
 
 #include <array>
@@ -27,15 +27,15 @@ struct FrameStamp {
 
 class MessageEncoder {
  public:
-  // One encoded message: all its frames, back to back.
+  // Receives all frames of one encoded message, back to back.
   using Sink = std::function<void(ruffini_MessageType, std::span<const uint8_t>)>;
 
   MessageEncoder(const FramePath& path, uint8_t sensor);
 
-  // Encodes what `type` says of the path's last frame and hands its frames to `sink`.
+  // Encodes message `type` for the path's last frame and passes its frames to `sink`.
   void encode(ruffini_MessageType type, const FramePath& path, const FrameView& frame, const FrameStamp& stamp,
               const Sink& sink);
-  // LEARNED: what the network said, with the names of its outputs; `flags` of the frames (FrameFlag).
+  // LEARNED: the result of the network with the names of its outputs. `flags`: of the frames (FrameFlag).
   void encode(const LearnedResult& result, std::span<const std::string> names, uint8_t flags, const Sink& sink);
 
  private:
@@ -49,7 +49,7 @@ class MessageEncoder {
   size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);
   void send(ruffini_MessageType type, size_t n_payload, uint8_t flags, const Sink& sink);
   size_t serialise(const pb_msgdesc_t* fields, const void* message);
-  // `part`: which of the message's dense parts.
+  // `part`: index of the dense part within the message.
   void pack(ruffini_Dense& out, GridSize size, size_t n_components, size_t part);
 
   uint8_t sensor_;
@@ -57,17 +57,17 @@ class MessageEncoder {
   std::vector<int32_t> values_;
   static constexpr size_t kMaxParts = 4;                  // dense parts of one message
   std::array<std::vector<uint8_t>, kMaxParts> dense_;     // their packed bytes
-  std::array<std::span<const uint8_t>, kMaxParts> span_;  // what the nanopb callbacks write
-  std::vector<uint8_t> payload_;                          // serialised message
+  std::array<std::span<const uint8_t>, kMaxParts> span_;  // source of the nanopb callbacks
+  std::vector<uint8_t> payload_;                          // serialize_message message
   std::vector<uint8_t> frames_;                           // its frames
 };
 
-// Splits a serialised message into frames; returns the bytes written to `out` (frames_bound(message.size())),
-// 0 where it needs more than kMaxFragments.
+// Splits a serialized message into frames. Returns the number of bytes written to `out` (frames_bound(message.size())),
+// 0 if it needs more than kMaxFragments.
 size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uint32_t sequence,
                     std::span<const uint8_t> message, std::vector<uint8_t>& out);
 
-// Bytes that write_frames needs at most.
+// Upper bound of the bytes that write_frames needs.
 [[nodiscard]] constexpr size_t frames_bound(size_t n_message) {
   return (n_message / kMaxPayloadBytes + 1) * kMaxFrameBytes;
 }

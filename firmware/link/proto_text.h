@@ -1,4 +1,4 @@
-// Text and bytes into nanopb's fields of fixed size.
+// Copies text and bytes into nanopb's fixed-size fields.
 #pragma once
 
 #include <pb.h>
@@ -11,7 +11,8 @@
 
 namespace ruffini {
 
-// Bytes of the UTF-8 character that `text` begins with (RFC 3629: none overlong, no surrogates); 0: it is none.
+// Returns the length in bytes of the UTF-8 character at the start of `text` (RFC 3629: no overlong forms, no
+// surrogates); 0 if it is invalid.
 inline size_t utf8_bytes(std::string_view text) {
   const auto at = [&](size_t i) { return i < text.size() ? static_cast<uint8_t>(text[i]) : uint8_t{0}; };
   const uint8_t lead = at(0);
@@ -25,8 +26,8 @@ inline size_t utf8_bytes(std::string_view text) {
   return is_overlong || is_beyond ? 0 : n;
 }
 
-// What does not fit is cut off before a whole character, and a byte of none becomes '?': nanopb sends either as it is, and
-// hosts then refuse the whole message.
+// Truncates at a character boundary and replaces invalid bytes by '?': nanopb sends text unchecked, and hosts reject a
+// message with invalid UTF-8.
 template <size_t N>
 void copy_text(char (&out)[N], const std::string& text) {
   size_t n = 0;
@@ -41,8 +42,8 @@ void copy_text(char (&out)[N], const std::string& text) {
   out[n] = '\0';
 }
 
-// What came over the line, fit to be said: a text that is no UTF-8 would spoil the message.
-inline std::string plain(std::string text) {
+// Makes text received from the line printable: invalid UTF-8 would spoil a message.
+inline std::string to_plain_ascii(std::string text) {
   std::replace_if(text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
   return text;
 }

@@ -1,4 +1,4 @@
-// What went wrong, as a reply says it.
+// Converts an error to a reply.
 #pragma once
 
 #include "base/result.h"
@@ -7,7 +7,7 @@
 
 namespace ruffini {
 
-inline ruffini_ReplyCode code_of(ErrorKind kind) {
+inline ruffini_ReplyCode reply_code(ErrorKind kind) {
   switch (kind) {
     case ErrorKind::kBadInput:
       return ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
@@ -23,9 +23,9 @@ inline ruffini_ReplyCode code_of(ErrorKind kind) {
   return ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
 }
 
-inline void answer(ruffini_Reply& reply, const Status& status) {
+inline void fill_reply(ruffini_Reply& reply, const Status& status) {
   if (status) return;
-  reply.code = code_of(status.error().kind);
+  reply.code = reply_code(status.error().kind);
   copy_text(reply.text, status.error().message);
 }
 

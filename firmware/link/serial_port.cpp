@@ -23,14 +23,14 @@ Error unavailable(const std::string& path, const std::string& what) {
           path + ": cannot " + what + ": " + std::strerror(errno) + ": is it there, free, and are you in its group?"};
 }
 
-// A USB line lost pieces of what was written to it in more at once than this, where its host lagged.
+// A slow host lost parts of larger writes on a USB line.
 constexpr size_t kMaxWriteBytes = 4'096;
 
-// What would change, hold back or answer a byte on its way.
+// Input flags that alter, delay or answer bytes.
 constexpr tcflag_t kInputFlags = IGNBRK | BRKINT | PARMRK | ISTRIP | INLCR | IGNCR | ICRNL | IXON | IXOFF | IXANY;
 constexpr tcflag_t kLocalFlags = ECHO | ECHONL | ICANON | ISIG | IEXTEN;
 
-// 8 data bits, no parity, one stop bit, no flow control. The speed counts on a UART only; the host tool's is the same.
+// 8 data bits, no parity, one stop bit, no flow control. The speed matters on a UART only and equals the host tool's.
 bool set_raw(int fd) {
   termios settings{};
   if (::tcgetattr(fd, &settings) != 0) return false;
@@ -40,7 +40,7 @@ bool set_raw(int fd) {
   settings.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | CRTSCTS);
   ::cfsetspeed(&settings, B115200);
   if (::tcsetattr(fd, TCSANOW, &settings) != 0) return false;
-  // It says success when it did any part of it.
+  // tcsetattr() reports success if it made any of the changes.
   termios now{};
   if (::tcgetattr(fd, &now) != 0) return false;
   errno = EINVAL;
@@ -48,11 +48,11 @@ bool set_raw(int fd) {
          (now.c_cflag & (CSIZE | PARENB)) == CS8;
 }
 
-// close() of a tty may wait for many seconds until what was written has gone out, which it never will.
+// close() of a tty may block for many seconds until written data has been sent, which will not happen.
 void close_elsewhere(UniqueFd fd) {
   if (!fd) return;
   ::tcflush(fd.get(), TCIOFLUSH);
-  ::ioctl(fd.get(), TIOCNXCL);  // the line may be opened again before the close has ended
+  ::ioctl(fd.get(), TIOCNXCL);  // allows the line to be opened again before close() returns
   ::flock(fd.get(), LOCK_UN);
   std::thread([fd = std::move(fd)]() mutable { fd.reset(); }).detach();
 }
@@ -122,9 +122,9 @@ Status SerialPort::open_device() {
   return Unit{};
 }
 
-// The kernel reuses the number of a pty as soon as the pty is closed: a name that was not made anew since then leads
-// nowhere, or to a stranger's line. A link that was made again within a tick of the clock may look as it did, but not
-// older than what it leads to.
+// The kernel reuses the number of a pty as soon as it is closed: a link that has not been recreated since leads
+// nowhere, or to another program's line. A link recreated within one clock tick may look unchanged, but is not older
+// than its target.
 bool SerialPort::is_stale() const {
   struct stat place{};
   if (!place_ || ::fstat(place_.get(), &place) != 0 || place.st_nlink > 0) return false;
@@ -139,7 +139,7 @@ bool SerialPort::is_stale() const {
 int SerialPort::read(std::span<uint8_t> out) {
   const ssize_t n = ::read(fd_.get(), out.data(), out.size());
   if (n > 0) return static_cast<int>(n);
-  return n < 0 && is_only_late() ? 0 : -1;  // a line that hung up reads as its end
+  return n < 0 && is_only_late() ? 0 : -1;  // a line that hung up reads as end of file
 }
 
 int SerialPort::write(std::span<const uint8_t> bytes) {
@@ -161,14 +161,14 @@ bool SerialPort::has_unsent() const {
     int n = 0;
     return ::ioctl(fd_.get(), TIOCOUTQ, &n) == 0 && n > 0;
   }
-  // poll() pushes on what the kernel still holds between the two ends; FIONREAD would not see that.
+  // poll() flushes data that the kernel still holds between the two ends; FIONREAD would not see it.
   const UniqueFd slave = open_slave();
   pollfd wait{slave.get(), POLLIN, 0};
   return slave && ::poll(&wait, 1, 0) > 0 && (wait.revents & POLLIN) != 0;
 }
 
 bool SerialPort::reopen() {
-  if (!slave_path_.empty()) {  // a pty's master outlives its hosts
+  if (!slave_path_.empty()) {  // the master of a pty outlives its hosts
     const UniqueFd slave = open_slave();
     return slave && ::tcflush(slave.get(), TCIFLUSH) == 0;
   }

@@ -23,10 +23,10 @@ class SerialPort final : public Link {
   SerialPort& operator=(SerialPort&&) = default;
   ~SerialPort() override;
 
-  // What a host opens.
+  // Path that a host opens.
   [[nodiscard]] const std::string& host_path() const { return host_path_; }
 
-  // A pty that nobody has open has hung up, too.
+  // A pty that no host has open counts as hung up.
   int read(std::span<uint8_t> out) override;
   int write(std::span<const uint8_t> bytes) override;
   void wait(bool is_writing, int timeout_ms) override;
@@ -41,12 +41,12 @@ class SerialPort final : public Link {
   [[nodiscard]] bool is_stale() const;
 
   UniqueFd fd_;
-  std::string slave_path_;  // empty for a device. Only hosts keep it open: the last one's close hangs up the line
+  std::string slave_path_;  // empty for a device. Only hosts hold it open, so that the last close hangs up the line
   std::string link_;
   std::string host_path_;
   std::string symlink_;
-  UniqueFd place_;           // where a device that is a pty was, without opening it; empty for other devices
-  struct stat link_stat_{};  // of link_ then
+  UniqueFd place_;  // directory entry of a device that is a pty, held without opening it; empty for other devices
+  struct stat link_stat_{};  // state of link_ at that time
 };
 
 }  // namespace ruffini

@@ -18,8 +18,9 @@ namespace {
 
 constexpr uint64_t kStatusPeriodUs = 1'000'000;
 constexpr uint64_t kStalePeriodUs = 100'000;
-constexpr uint64_t kHandsOffUs = 500'000;  // who zeroes keeps off for so long beyond the frames that it needs
-constexpr size_t kMaxReplies = 64;         // a host that asks faster than it reads is not answered
+// The person who zeroes keeps off for this long beyond the frames that it needs
+constexpr uint64_t kHandsOffUs = 500'000;
+constexpr size_t kMaxReplies = 64;  // a host that sends faster than it reads gets no reply
 
 }  // namespace
 
@@ -42,7 +43,7 @@ void Session::receive(std::span<const uint8_t> bytes) {
   for (const uint8_t byte : bytes) {
     if (const std::optional<WireFrame> frame = decoder_.push(byte)) handle(*frame);
   }
-  if (n_damaged() != n_before && calibrator_.is_receiving() && !has_asked_again_) ask_again();
+  if (n_damaged() != n_before && calibrator_.is_receiving() && !has_requested_retransmission_) request_retransmission();
 }
 
 uint64_t Session::n_damaged() const {
@@ -50,10 +51,10 @@ uint64_t Session::n_damaged() const {
   return counters.bad_crc + counters.malformed + counters.oversize;
 }
 
-// A chunk came damaged: its host need not wait until no reply has come. Once until a command came whole: on a line that
-// echoes and damages, the device would answer itself for ever.
-void Session::ask_again() {
-  has_asked_again_ = true;
+// A damaged chunk arrived: tells the host at once, instead of letting it time out. At most once until an intact command
+// arrives, because on a line that echoes and damages bytes the device would answer itself forever.
+void Session::request_retransmission() {
+  has_requested_retransmission_ = true;
   ruffini_Reply reply = ruffini_Reply_init_zero;
   reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
   reply.next_offset = calibrator_.next_offset();
@@ -63,23 +64,23 @@ void Session::ask_again() {
 
 void Session::handle(const WireFrame& frame) {
   if ((frame.header.flags & kFromHost) == 0) {
-    ++rx_echo_;  // our own frame: somebody's terminal echoes
+    ++rx_echo_;  // one of our own frames: a terminal echoes
     return;
   }
   if (frame.header.n_fragments != 1) {
-    ++rx_malformed_;  // no host message needs more than one frame
+    ++rx_malformed_;  // host messages never need more than one frame
     return;
   }
   switch (frame.header.type) {
     case ruffini_MessageType_MESSAGE_TYPE_HELLO:
-      if (last_holder_ == 0) has_last_reply_ = false;  // a host that starts may count its requests from any number
+      if (last_holder_ == 0) has_last_reply_ = false;  // a new host may start its request numbers anywhere
       send_hello();
       return;
     case ruffini_MessageType_MESSAGE_TYPE_SCHEMA:
       send_schema();
       return;
     case ruffini_MessageType_MESSAGE_TYPE_STATUS:
-      is_status_asked_ = true;
+      is_status_requested_ = true;
       return;
     case ruffini_MessageType_MESSAGE_TYPE_TIME:
       answer_time(frame);
@@ -90,7 +91,7 @@ void Session::handle(const WireFrame& frame) {
     case ruffini_MessageType_MESSAGE_TYPE_COMMAND:
       break;
     default:
-      return;  // a type of the future
+      return;  // a message type of a later version
   }
   ruffini_Command message = ruffini_Command_init_zero;
   pb_istream_t stream = pb_istream_from_buffer(frame.payload.data(), frame.payload.size());
@@ -98,13 +99,13 @@ void Session::handle(const WireFrame& frame) {
     ++rx_malformed_;
     return;
   }
-  command(message, frame.header.sensor, may(message, false));
+  command(message, frame.header.sensor, authorize(message, false));
 }
 
-// `allowed`: whether it may be done at all.
+// `allowed`: whether the command is permitted.
 void Session::command(const ruffini_Command& request, uint8_t sensor, const Status& allowed) {
-  has_asked_again_ = false;
-  if (is_repeat(request)) {  // a retry: answered, not run again
+  has_requested_retransmission_ = false;
+  if (is_repeat(request)) {  // a retry: repeat the reply, do not execute again
     send(ruffini_MessageType_MESSAGE_TYPE_REPLY, ruffini_Reply_fields, &last_reply_);
     return;
   }
@@ -114,11 +115,11 @@ void Session::command(const ruffini_Command& request, uint8_t sensor, const Stat
     reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
     copy_text(reply.text, "no sensor " + std::to_string(sensor) + " here: HELLO lists those there are");
   } else if (!allowed) {
-    answer(reply, allowed);
+    fill_reply(reply, allowed);
   } else {
-    act(request, reply);
+    execute(request, reply);
   }
-  access_.heard(request.holder);
+  access_.renew(request.holder);
   if (allowed && is_remembered(request)) {
     last_request_id_ = request.request_id;
     last_holder_ = request.holder;
@@ -128,7 +129,7 @@ void Session::command(const ruffini_Command& request, uint8_t sensor, const Stat
   send(ruffini_MessageType_MESSAGE_TYPE_REPLY, ruffini_Reply_fields, &reply);
 }
 
-void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
+void Session::execute(const ruffini_Command& request, ruffini_Reply& reply) {
   switch (request.which_action) {
     case ruffini_Command_subscribe_tag:
       subscribe(request.action.subscribe);
@@ -173,7 +174,7 @@ void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
         reply.code = ruffini_ReplyCode_REPLY_OK;
         reply.value = static_cast<int64_t>(exchange_.frames_processed.load());
       } else {
-        copy_text(reply.text, "no setting \"" + plain(key) + "\": this firmware has frames_processed (get)");
+        copy_text(reply.text, "no setting \"" + to_plain_ascii(key) + "\": this firmware has frames_processed (get)");
       }
       break;
     }
@@ -187,39 +188,39 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
   switch (request.which_action) {
     case ruffini_Command_flash_begin_tag: {
       const ruffini_FlashBegin& begin = request.action.flash_begin;
-      if ((exchange_.throttled & kPowerShortNow) != 0) {
+      if ((exchange_.throttled & kUndervoltageNow) != 0) {
         reply.code = ruffini_ReplyCode_REPLY_REFUSED;
         copy_text(reply.text,
                   "the computer is short of power (under-voltage): no flash is begun; give it a stronger supply or a "
                   "shorter cable, then flash again");
         break;
       }
-      answer(reply, calibrator_.begin(begin.size_bytes,
-                                      {reinterpret_cast<const char*>(begin.sha256.bytes), begin.sha256.size}));
+      fill_reply(reply, calibrator_.begin(begin.size_bytes,
+                                          {reinterpret_cast<const char*>(begin.sha256.bytes), begin.sha256.size}));
       break;
     }
     case ruffini_Command_flash_chunk_tag: {
       const ruffini_FlashChunk& chunk = request.action.flash_chunk;
-      answer(reply, calibrator_.chunk(chunk.offset, {chunk.data.bytes, chunk.data.size}));
+      fill_reply(reply, calibrator_.chunk(chunk.offset, {chunk.data.bytes, chunk.data.size}));
       break;
     }
     case ruffini_Command_flash_undo_tag:
     case ruffini_Command_flash_commit_tag: {
       const bool is_undo = request.which_action == ruffini_Command_flash_undo_tag;
       const Status done = is_undo ? calibrator_.undo() : calibrator_.commit();
-      answer(reply, done);
+      fill_reply(reply, done);
       if (done) {
-        say_trial(reply);
+        report_trial(reply);
         return;
       }
       break;
     }
     case ruffini_Command_flash_query_tag: {
       const auto& wanted = request.action.flash_query.sha256;
-      const std::string& active = calibrator_.active().sha256;  // empty: nothing is in force
+      const std::string& active = calibrator_.active().sha256;  // empty: no calibration is in force
       if (!active.empty() && active.size() == wanted.size &&
           std::memcmp(active.data(), wanted.bytes, wanted.size) == 0) {
-        say_trial(reply);
+        report_trial(reply);
         return;
       }
       reply.code = ruffini_ReplyCode_REPLY_REFUSED;
@@ -235,8 +236,8 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
                                                    : ruffini_FlashState_FLASH_STATE_IDLE;
 }
 
-// How far the calibration is that frames are computed with.
-void Session::say_trial(ruffini_Reply& reply) const {
+// Reports the state of the trial.
+void Session::report_trial(ruffini_Reply& reply) const {
   if (!calibrator_.is_on_trial()) {
     reply.flash_state = ruffini_FlashState_FLASH_STATE_ACTIVE;
     copy_text(reply.text, calibrator_.problem());
@@ -254,7 +255,7 @@ void Session::subscribe(const ruffini_Subscribe& request) {
   for (auto& every : exchange_.every) every = 0;
   for (pb_size_t i = 0; i < request.subscriptions_count; ++i) {
     const ruffini_Subscription& s = request.subscriptions[i];
-    uint32_t type = 0;  // what the wire says may be none of the enum's values
+    uint32_t type = 0;  // the value on the wire may be outside the enum
     static_assert(sizeof type == sizeof s.type);
     std::memcpy(&type, &s.type, sizeof type);
     if (type > 0 && type < kMessageTypes) exchange_.every[type] = s.every;
@@ -263,11 +264,12 @@ void Session::subscribe(const ruffini_Subscribe& request) {
 
 void Session::send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message) {
   if (replies_.size() >= kMaxReplies) return;
-  replies_.push_back({type, serialised(fields, message)});
+  replies_.push_back({type, serialize_message(fields, message)});
 }
 
-// No byte at all where every field is zero. A message of our own, whose texts end within their fields, can be encoded.
-std::vector<uint8_t> Session::serialised(const pb_msgdesc_t* fields, const void* message) {
+// The result is empty if every field is zero. Encoding cannot fail for messages of the device, whose texts fit their
+// fields.
+std::vector<uint8_t> Session::serialize_message(const pb_msgdesc_t* fields, const void* message) {
   size_t n_bytes = 0;
   (void)pb_get_encoded_size(&n_bytes, fields, message);
   std::vector<uint8_t> payload(n_bytes);
@@ -276,13 +278,14 @@ std::vector<uint8_t> Session::serialised(const pb_msgdesc_t* fields, const void*
   return payload;
 }
 
-// With the number that it has once its first byte goes out: what is written grows, whatever waited for how long.
+// The sequence number is assigned when the first byte is sent, so that numbers on the line increase regardless of
+// queueing.
 void Session::frame(ruffini_MessageType type, std::span<const uint8_t> payload) {
   writing_.resize(frames_bound(payload.size()));
   writing_.resize(write_frames(type, identity_.stream_flags, kDeviceSensor, sequence_, payload, writing_));
 }
 
-// The slot of a message whose frames are to go out; what waits in it is replaced and counted.
+// Returns the slot for a message whose frames are to be sent; a message waiting there is replaced and counted.
 Session::Outgoing& Session::newest(uint8_t type) {
   Outgoing& slot = telemetry_[type % kMessageTypes];
   if (slot.is_full) {
@@ -290,13 +293,13 @@ Session::Outgoing& Session::newest(uint8_t type) {
     ++n_replaced_;
   }
   slot.is_full = true;
-  slot.is_bare = false;
+  slot.needs_framing = false;
   slot.order = order_++;
   return slot;
 }
 
 void Session::take_telemetry() {
-  // Lossless: leave messages in the ring until their slot is free, so that the frame thread waits.
+  // Lossless: messages stay in the ring until their slot is free, so that the frame thread waits.
   if (identity_.is_lossless &&
       std::any_of(telemetry_.begin(), telemetry_.end(), [](const Outgoing& o) { return o.is_full; })) {
     return;
@@ -312,8 +315,8 @@ void Session::poll(uint64_t now_us) {
   delete exchange_.retired_path.exchange(nullptr, std::memory_order_acq_rel);
   const bool is_subscribed = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_STATUS] != 0;
   const bool is_due = status_us_ == 0 || now_us - status_us_ >= kStatusPeriodUs;
-  if (is_status_asked_ || (is_subscribed && is_due)) send_status(now_us);
-  is_status_asked_ = false;
+  if (is_status_requested_ || (is_subscribed && is_due)) send_status(now_us);
+  is_status_requested_ = false;
   if (const std::optional<TrialEnd> end = calibrator_.poll()) {
     const auto severity =
         end->is_confirmed ? ruffini_Event_Severity_SEVERITY_INFO : ruffini_Event_Severity_SEVERITY_ERROR;
@@ -326,13 +329,13 @@ void Session::poll(uint64_t now_us) {
 
 void Session::watch_camera(uint64_t now_us) {
   if (!exchange_.is_camera_live) {
-    stall_.rest(now_us);
+    stall_.suspend(now_us);
     is_stalled_ = false;
     return;
   }
   const bool was_stalled = is_stalled_;
   const uint64_t silence_us = stall_.silence_us(now_us);
-  is_stalled_ = stall_.update(exchange_.frames_processed, now_us);  // frames of another size are none
+  is_stalled_ = stall_.update(exchange_.frames_processed, now_us);  // frames of a wrong size do not count
   if (is_stalled_ && !was_stalled) {
     send_event(now_us, ruffini_Event_Severity_SEVERITY_ERROR, "camera_stalled",
                "no good frame for " + std::to_string(stall_.silence_us(now_us) / 1'000) + " ms (" +
@@ -343,8 +346,8 @@ void Session::watch_camera(uint64_t now_us) {
     send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "camera_back",
                "frames come again, after " + std::to_string(silence_us / 1'000) + " ms without a good one");
   }
-  if (!is_stalled_) has_given_up_zero_ = false;
-  if (is_stalled_ && !has_given_up_zero_ && stall_.silence_us(now_us) > kHandsOffUs) give_up_zero(now_us);
+  if (!is_stalled_) has_cancelled_zero_ = false;
+  if (is_stalled_ && !has_cancelled_zero_ && stall_.silence_us(now_us) > kHandsOffUs) cancel_zero(now_us);
   const bool is_asked = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_WRENCH] != 0;
   if (is_stalled_ && is_asked && (!was_stalled || now_us - stale_us_ >= kStalePeriodUs)) {
     stale_us_ = now_us;
@@ -361,10 +364,10 @@ void Session::watch_zero(uint64_t now_us) {
       "something came onto the pad while rest was learned: rest is what it was before; take it away and zero again");
 }
 
-// By the time that frames come again a finger may lie on the pad: nobody asked for that to be rest.
-void Session::give_up_zero(uint64_t now_us) {
-  has_given_up_zero_ = true;
-  const bool is_asked = exchange_.zero_frames.exchange(kGiveUpZero) >= 0;
+// Before frames arrive again, a finger may lie on the pad; it must not become part of the rest image.
+void Session::cancel_zero(uint64_t now_us) {
+  has_cancelled_zero_ = true;
+  const bool is_asked = exchange_.zero_frames.exchange(kCancelZero) >= 0;
   if (!is_asked && !exchange_.is_zeroing) return;
   send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "zero_given_up",
              "the camera stood still while rest was to be learned: zero again once camera_back is said");
@@ -372,7 +375,7 @@ void Session::give_up_zero(uint64_t now_us) {
 
 std::span<const uint8_t> Session::pending() {
   if (written_ > 0) return std::span<const uint8_t>(writing_).subspan(written_);
-  // Chosen anew until its first byte went out: a line that takes nothing finds the newest when it does.
+  // Selected anew until its first byte is sent, so that a blocked line gets the newest message once it accepts bytes.
   writing_.clear();
   offered_ = nullptr;
   if (!replies_.empty()) {
@@ -383,7 +386,7 @@ std::span<const uint8_t> Session::pending() {
     if (slot.is_full && (offered_ == nullptr || slot.order < offered_->order)) offered_ = &slot;
   }
   if (offered_ == nullptr) return {};
-  if (!offered_->is_bare) return offered_->bytes;
+  if (!offered_->needs_framing) return offered_->bytes;
   frame(static_cast<ruffini_MessageType>(offered_ - telemetry_.data()), offered_->bytes);
   return writing_;
 }
@@ -396,7 +399,7 @@ void Session::consumed(size_t n_bytes) {
   if (written_ == writing_.size()) written_ = 0;
 }
 
-// What pending() offered is taken.
+// Takes the message offered by pending().
 void Session::begin_writing() {
   if (offered_ == nullptr) {
     replies_.pop_front();
@@ -404,7 +407,7 @@ void Session::begin_writing() {
     return;
   }
   offered_->is_full = false;
-  if (offered_->is_bare) {
+  if (offered_->needs_framing) {
     ++sequence_;
   } else {
     writing_.swap(offered_->bytes);
@@ -412,16 +415,16 @@ void Session::begin_writing() {
 }
 
 void Session::reset_line() {
-  access_.forget();
-  n_cut_ += written_ != 0 ? 1 : 0;
-  n_down_ += replies_.size();
+  access_.reset();
+  n_truncated_ += written_ != 0 ? 1 : 0;
+  n_dropped_on_hang_up_ += replies_.size();
   written_ = 0;
   writing_.clear();
   replies_.clear();
   for (auto& every : exchange_.every) every = 0;
-  while (exchange_.telemetry.pop(popped_)) ++n_down_;
+  while (exchange_.telemetry.pop(popped_)) ++n_dropped_on_hang_up_;
   for (Outgoing& slot : telemetry_) {
-    n_down_ += slot.is_full ? 1 : 0;
+    n_dropped_on_hang_up_ += slot.is_full ? 1 : 0;
     slot.is_full = false;
   }
   has_last_reply_ = false;

@@ -1,4 +1,4 @@
-// Who may command what, the calibration read back, and the time exchange.
+// Authorization of commands, reading back the calibration, and the time exchange.
 #include <pb_decode.h>
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 namespace ruffini {
 namespace {
 
-// Anything that does more than ask, or than say what this host wants to be sent.
+// True for a command that does more than query, or than select what this host receives.
 bool changes_something(const ruffini_Command& request) {
   switch (request.which_action) {
     case ruffini_Command_subscribe_tag:
@@ -19,7 +19,7 @@ bool changes_something(const ruffini_Command& request) {
     case ruffini_Command_flash_query_tag:
     case ruffini_Command_flash_read_tag:
     case ruffini_Command_challenge_tag:
-    case 0:  // of the future: answered as unknown
+    case 0:  // a command of a later version: answered as unknown
       return false;
     default:
       return true;
@@ -42,13 +42,13 @@ void Session::signed_command(const WireFrame& frame) {
     ++rx_malformed_;
     return;
   }
-  if (is_repeat(request)) {  // its counter was used by what it repeats
+  if (is_repeat(request)) {  // the original command used up its counter
     command(request, frame.header.sensor, Unit{});
     return;
   }
   const Status fits =
       access_.check(bytes, outer.counter, frame.header.sensor, {outer.signature.bytes, outer.signature.size});
-  command(request, frame.header.sensor, fits ? may(request, true) : fits);
+  command(request, frame.header.sensor, fits ? authorize(request, true) : fits);
 }
 
 bool Session::is_repeat(const ruffini_Command& request) const {
@@ -56,13 +56,12 @@ bool Session::is_repeat(const ruffini_Command& request) const {
          request.holder == last_holder_;
 }
 
-// What does no harm when it is done once more needs no memory: so what one host asks cannot push out of it what another
-// one does.
+// Idempotent commands are not remembered, so that one host's queries cannot evict another host's command.
 bool Session::is_remembered(const ruffini_Command& request) {
   return changes_something(request) || request.which_action == ruffini_Command_challenge_tag;
 }
 
-Status Session::may(const ruffini_Command& request, bool is_signed) {
+Status Session::authorize(const ruffini_Command& request, bool is_signed) {
   if (is_repeat(request)) return Unit{};
   if (request.which_action == ruffini_Command_challenge_tag) return access_.is_free_for(request.holder);
   if (!changes_something(request)) return Unit{};
@@ -72,7 +71,7 @@ Status Session::may(const ruffini_Command& request, bool is_signed) {
         "this sensor does that for its owners only: use a host that has one of the keys enrolled here (HELLO names "
         "them)"};
   }
-  return access_.take(request.holder);
+  return access_.acquire(request.holder);
 }
 
 void Session::lease(const ruffini_Command& request, ruffini_Reply& reply) {
@@ -87,7 +86,7 @@ void Session::lease(const ruffini_Command& request, ruffini_Reply& reply) {
   } else if (request.action.lease.release) {
     access_.release(request.holder);
   } else {
-    access_.name(request.holder, plain(request.action.lease.who));
+    access_.set_holder_name(request.holder, to_plain_ascii(request.action.lease.who));
   }
 }
 
@@ -95,12 +94,12 @@ void Session::read_back(const ruffini_FlashRead& request, ruffini_Reply& reply) 
   const ActiveCalibration& active = calibrator_.active();
   const std::string wanted(reinterpret_cast<const char*>(request.sha256.bytes), request.sha256.size);
   if (!active.is_present || wanted != active.sha256) {
-    answer(reply, Error{ErrorKind::kRefused, "the calibration that is to be read is not in force: see HELLO"});
+    fill_reply(reply, Error{ErrorKind::kRefused, "the calibration that is to be read is not in force: see HELLO"});
     return;
   }
   const std::span<const uint8_t> file = active.file->bytes();
   if (request.offset > file.size()) {
-    answer(reply, Error{ErrorKind::kBadInput, "the calibration in force ends before that offset"});
+    fill_reply(reply, Error{ErrorKind::kBadInput, "the calibration in force ends before that offset"});
     return;
   }
   const auto piece = file.subspan(request.offset, std::min(sizeof reply.data.bytes, file.size() - request.offset));

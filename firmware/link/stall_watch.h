@@ -1,5 +1,5 @@
-// Whether the camera stands still: no good frame for three of the intervals in which they came before, at least 25 ms.
-// An interval is the board's or, where frames come slower than that, the mean of the last ones. Link thread only.
+// Detects a stalled camera: no good frame for three times the usual interval, at least 25 ms. The interval is the
+// board's or, if frames come more slowly, the mean of the last ones. Link thread only.
 #pragma once
 
 #include <algorithm>
@@ -10,16 +10,16 @@ namespace ruffini {
 class StallWatch {
  public:
   static constexpr uint64_t kMinUs = 25'000;
-  static constexpr uint64_t kFirstUs = 2'000'000;  // a camera that starts
+  static constexpr uint64_t kFirstUs = 2'000'000;  // a camera that is starting
 
   explicit StallWatch(uint64_t period_us) : period_us_(period_us), mean_us_(period_us) {}
 
-  // Good frames that the camera has given since it runs. To be called a few times a frame.
+  // Returns true if the camera stalls. `n_frames`: good frames since it started. Call a few times per frame.
   [[nodiscard]] bool update(uint64_t n_frames, uint64_t now_us) {
     if (since_us_ == 0) since_us_ = now_us;
     if (n_frames != n_frames_) {
       const uint64_t interval_us = (now_us - since_us_) / (n_frames - n_frames_);
-      // A stall is no interval; slower by less than that is the camera's way.
+      // A stall is not an interval; a delay shorter than that is normal variation.
       if (n_frames_ > 0 && !is_stalled_) mean_us_ = (7 * mean_us_ + interval_us) / 8;
       n_frames_ = n_frames;
       since_us_ = now_us;
@@ -29,8 +29,8 @@ class StallWatch {
     }
     return is_stalled_;
   }
-  // No frames are to be expected for now.
-  void rest(uint64_t now_us) {
+  // No frames are expected at present.
+  void suspend(uint64_t now_us) {
     since_us_ = now_us;
     is_stalled_ = false;
   }

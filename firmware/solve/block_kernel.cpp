@@ -22,7 +22,7 @@ void rows_scalar(int n_rows, Table table, const int16_t* u, std::span<const uint
   }
 }
 
-Rows best() {
+Rows fastest_supported() {
 #if defined(__x86_64__)
   return __builtin_cpu_supports("avx2") ? rows_avx2 : rows_scalar;
 #elif defined(__aarch64__)

@@ -10,11 +10,12 @@ namespace {
 
 constexpr size_t kBlock = block_kernel::kBlock;
 
-// Sum of the signed values that one row of a fold names; values[0] is zero. Signs are as good as random, so no branch.
+// Sums the signed values that one row of a fold refers to; values[0] is zero. Branch-free, because the signs are
+// unpredictable.
 int64_t signed_sum(std::span<const int32_t> row, std::span<const int64_t> values) {
   int64_t sum = 0;
   for (const int32_t i : row) {
-    const int32_t negative = i >> 31;  // all bits, or none
+    const int32_t negative = i >> 31;  // all bits set, or none
     sum += (values[static_cast<size_t>((i ^ negative) - negative)] ^ negative) - negative;
   }
   return sum;
@@ -41,7 +42,7 @@ void BlockProgram::run(std::span<const int16_t> u, std::span<int64_t> out) {
     for (uint32_t p = 0; p < stage.n_panels; ++p) multiply(panel_[stage.first_panel + p], is_last);
     if (!is_last) {
       for (size_t i = 1; i <= stage.n_values; ++i) sum_[i] = block_float::to_16(sum_[i], stage.shift);
-      keep(s + 1, stage.n_values);
+      store_vector(s + 1, stage.n_values);
     }
   }
   for (const uint32_t r : selected_) {
@@ -53,10 +54,10 @@ void BlockProgram::fold(std::span<const int16_t> u) {
   const size_t n = vector_[0].size();
   std::copy_n(u.begin(), n_in_, input_.begin() + 1);
   for (size_t i = 0; i < n; ++i) sum_[i + 1] = signed_sum(in_.subspan(i * n_fold_, n_fold_), input_);
-  keep(0, n);
+  store_vector(0, n);
 }
 
-void BlockProgram::keep(size_t index, size_t n_values) {
+void BlockProgram::store_vector(size_t index, size_t n_values) {
   const std::span<const int64_t> values(sum_.data() + 1, n_values);
   const int shift = block_float::common_shift(values);
   std::vector<int16_t>& out = vector_[index];
@@ -64,7 +65,7 @@ void BlockProgram::keep(size_t index, size_t n_values) {
   exponent_[index] = shift;
 }
 
-// The panel's part of its source side by side, zero padded, and which blocks of it are not zero.
+// Gathers the panel's part of its source vector, zero padded, and lists the blocks that are not all zero.
 void BlockProgram::gather(const Panel& panel) {
   const std::vector<int16_t>& source = vector_[panel.source];
   size_t n = 0;

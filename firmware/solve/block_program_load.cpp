@@ -1,9 +1,9 @@
-// Loading a program: every index and every size is checked, and the bounds are proved from the tables.
+// Loads a block program: checks every index and size, and proves the accumulator bounds from the tables.
 //
-// Proof, in integers. Vector 0: |sum| <= 32768 n_fold. A vector within B is kept as v16 2^e with e at most
-// shift_for(B), so |v16 2^e| <= B + 2^e =: C. A row of a panel adds at most (sum of |q| 2^shift) C; the sum
-// over a row's panels must stay within 2^62 (over all folded values, for the last stage), and bounds the
-// next vector. Inside a block four products of |q| <= 16383 with int16 fit int32.
+// Proof, in integers. Vector 0: |sum| <= 32768 n_fold. A vector bounded by B is stored as v16 2^e with e at most
+// shift_for(B), so |v16 2^e| <= B + 2^e =: C. A row of a panel adds at most (sum of |q| 2^shift) C. The sum over a
+// row's panels must stay within 2^62 (over all folded values, for the last stage); it bounds the next vector. Inside a
+// block, four products of |q| <= 16383 with int16 fit int32.
 #include <algorithm>
 #include <numeric>
 
@@ -15,7 +15,8 @@ namespace {
 
 constexpr size_t kBlock = block_kernel::kBlock;
 constexpr uint64_t kSumLimit = uint64_t{1} << 62;
-constexpr uint64_t kKeptLimit = uint64_t{1} << 46;  // of a vector before it is kept: far above any use
+// Of a vector before it is rounded to 16 bits: far above any real use
+constexpr uint64_t kKeptLimit = uint64_t{1} << 46;
 constexpr int kMaxShift = 40;
 constexpr int64_t kMaxValues = 65'536;  // of one vector
 constexpr size_t kMaxStages = 32;
@@ -29,7 +30,7 @@ class BlockProgramLoader {
 
   Result<BlockProgram> run(int n_in, int n_out) {
     p_.n_in_ = n_in;
-    p_.kernel_ = block_kernel::best();
+    p_.kernel_ = block_kernel::fastest_supported();
     std::string problem = tables(n_out);
     if (problem.empty()) problem = stages();
     if (problem.empty()) problem = panels();
@@ -110,7 +111,7 @@ class BlockProgramLoader {
     return "";
   }
 
-  // Length of vector `index`: the folded inputs, or what an earlier stage left.
+  // Returns the length of vector `index`: the folded inputs, or the output of an earlier stage.
   [[nodiscard]] size_t length(size_t index) const { return index == 0 ? n_slots_ : p_.stage_[index - 1].n_values; }
 
   std::string panels() {
@@ -186,7 +187,7 @@ class BlockProgramLoader {
   }
 
   bool add_bounds(const BlockProgram::Panel& panel, const std::vector<uint64_t>& kept, std::vector<uint64_t>& sum) {
-    const uint64_t limit = kSumLimit / kept[panel.source];  // of the weight of a row
+    const uint64_t limit = kSumLimit / kept[panel.source];  // for the weight of a row
     for (uint32_t r = 0; r < panel.n_rows; ++r) {
       const uint32_t group = r / block_kernel::kRows * block_kernel::kRows;
       const uint32_t n = std::min<uint32_t>(panel.n_rows - group, block_kernel::kRows);

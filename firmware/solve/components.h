@@ -1,4 +1,4 @@
-// The separate contacts of a mask: 8-connected components, numbered from 1 in scan order of their first node.
+// Separates the contacts of a mask: 8-connected components, numbered from 1 in scan order of their first node.
 //
 // Frame thread; no allocation after the constructor.
 #pragma once
@@ -15,13 +15,13 @@ class Components {
  public:
   explicit Components(GridSize nodes);
 
-  // One number a node, 0 where the mask is 0; valid until the next call.
+  // Returns one number per node, 0 if the mask is 0. Valid until the next call.
   std::span<const uint16_t> find(std::span<const uint8_t> mask);
-  // The same again; all 0 before the first call.
+  // Result of the last find(); all 0 before the first call.
   [[nodiscard]] std::span<const uint16_t> label() const { return label_; }
   [[nodiscard]] int count() const { return count_; }
-  // No mask of this many nodes has more: any two have a line of zeros between them.
-  [[nodiscard]] static int most(GridSize nodes) { return ((nodes.n_x + 1) / 2) * ((nodes.n_y + 1) / 2); }
+  // Upper bound of the number of components on a grid: any two are separated by a line of zeros.
+  [[nodiscard]] static int max_count(GridSize nodes) { return ((nodes.n_x + 1) / 2) * ((nodes.n_y + 1) / 2); }
 
  private:
   void grow(size_t seed, std::span<const uint8_t> mask);

@@ -7,25 +7,25 @@
 namespace ruffini {
 namespace {
 
-constexpr int kStrongestShift = 3;  // T is an eighth of the strongest
+constexpr int kStrongestShift = 3;  // T is at least an eighth of the strongest force
 constexpr int32_t kMaxNoiseUn = 100'000'000;
-constexpr int64_t kMostPressure = std::numeric_limits<int32_t>::max();
+constexpr int64_t kMaxPressure = std::numeric_limits<int32_t>::max();
 constexpr int64_t kPressedShare = 4;
 constexpr int kSmallestSide = 2;
 constexpr int kLargestSide = 8;
 
-// How far beyond a threshold, 0 to kFull at twice the threshold, rounded up.
+// Excess over a threshold: 0 at the threshold to kFull at twice the threshold, rounded up.
 uint8_t surely(int64_t pressure, int64_t threshold) {
   const int64_t beyond = std::clamp<int64_t>(pressure - threshold, 0, threshold);
   return static_cast<uint8_t>((beyond * ContactMask::kFull + threshold - 1) / threshold);
 }
 
-// Of an unknown noise: the board's threshold over this.
+// Divisor of the board's threshold if the noise is unknown.
 int64_t least_share(int side) { return int64_t{side} * side / 4; }
 
 void raise(uint8_t& value, uint8_t to) { value = std::max(value, to); }
 
-// Smallest of each value and those `step` to its right, below it and both. A square that leaves the grid has none: 0.
+// Minimum of each value and those `step` to its right, below, and diagonal. A square that leaves the grid has 0.
 void shrink(std::span<int32_t> values, GridSize size, int step) {
   const auto n_x = static_cast<size_t>(size.n_x);
   const auto ahead = static_cast<size_t>(step);
@@ -38,7 +38,7 @@ void shrink(std::span<int32_t> values, GridSize size, int step) {
   std::fill(values.end() - static_cast<ptrdiff_t>(below), values.end(), 0);
 }
 
-// Largest of each value and those `step` to its left, above it and both.
+// Maximum of each value and those `step` to its left, above, and diagonal.
 void grow(std::span<int32_t> values, GridSize size, int step) {
   const auto n_x = static_cast<size_t>(size.n_x);
   const auto behind = static_cast<size_t>(step);
@@ -66,7 +66,7 @@ int64_t ContactMask::threshold_of(int side, int64_t strongest_lsb, bool is_stead
   return std::max(least, std::min(threshold_lsb_, wanted));
 }
 
-// smallest_ is that of squares of this side.
+// Precondition: smallest_ belongs to squares of this side.
 void ContactMask::open(int side, int64_t threshold) {
   if (*std::max_element(smallest_.begin(), smallest_.end()) <= threshold) return;
   std::copy(smallest_.begin(), smallest_.end(), largest_.begin());
@@ -83,14 +83,14 @@ std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force, boo
       std::min_element(force.begin(), force.end(), [](const NodeForce& a, const NodeForce& b) { return a.z < b.z; });
   const int64_t strongest_lsb = -int64_t{strongest->z};
   std::transform(force.begin(), force.end(), smallest_.begin(), [](const NodeForce& f) {
-    return static_cast<int32_t>(std::clamp<int64_t>(-int64_t{f.z}, 0, kMostPressure));
+    return static_cast<int32_t>(std::clamp<int64_t>(-int64_t{f.z}, 0, kMaxPressure));
   });
   const int64_t usual = threshold_of(kSmallestSide, strongest_lsb, is_steady);
   frame_threshold_lsb_ = threshold_of(kLargestSide, strongest_lsb, is_steady);
   is_pressed_ = strongest_lsb > threshold_lsb_ / kPressedShare;
   for (int side = kSmallestSide; side <= kLargestSide; side *= 2) {
     const int64_t threshold = threshold_of(side, strongest_lsb, is_steady);
-    if (side > kSmallestSide && threshold == usual) break;  // no node that the smaller square has not opened
+    if (side > kSmallestSide && threshold == usual) break;  // larger squares cannot open further nodes
     shrink(smallest_, nodes_, side / 2);
     open(side, threshold);
   }

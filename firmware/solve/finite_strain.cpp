@@ -11,8 +11,8 @@
 namespace ruffini {
 namespace {
 
-using block_float::limited;
-using block_float::shifted;
+using block_float::clamp_counted;
+using block_float::shift_saturating;
 
 constexpr int kAmplitudeBits = 13;
 constexpr int kPlaneFraction = 4;
@@ -44,7 +44,7 @@ Result<WaveTable> load_waves(const Calibration& c, const std::string& name, int 
   return WaveTable(entries, n_waves, n_places);
 }
 
-// 1 to `largest`, all of them.
+// True if all values are within 1 to `largest`.
 Status fill(const Calibration& c, const std::string& name, const std::vector<int64_t>& shape, int64_t largest,
             std::span<const int32_t>& out) {
   auto table = c.tensor("finite_strain." + name, Tensor::Type::kI32, shape);
@@ -187,7 +187,7 @@ void FiniteStrain::find_planes(int exponent, SaturationCounter& saturations) {
     const int right = -(shift + at_nodes_.to_places(part_, field_) + kPlaneFraction);
     for (size_t i = 0; i < field_.size(); ++i) {
       planes_[k * field_.size() + i] =
-          static_cast<int32_t>(limited(shifted(field_[i], right), saturations, kPlaneLimit));
+          static_cast<int32_t>(clamp_counted(shift_saturating(field_[i], right), saturations, kPlaneLimit));
     }
   }
 }
@@ -199,10 +199,11 @@ void FiniteStrain::find_pressure(const Layer& layer, int exponent, SaturationCou
   for (size_t i = 0; i < n; ++i) sums[i] = p[i] * wave_[i] + p[n + i] * wave_[n + i] + p[2 * n + i] * wave_[2 * n + i];
   const int shift = narrow_to_14(sums, part_) + exponent - pressure_shift_;
   const int right = -(shift + at_middles_.to_places(part_, pressure_) + kPressureFraction);
-  for (int32_t& v : pressure_) v = static_cast<int32_t>(limited(shifted(v, right), saturations, kPressureLimit));
+  for (int32_t& v : pressure_)
+    v = static_cast<int32_t>(clamp_counted(shift_saturating(v, right), saturations, kPressureLimit));
 }
 
-// One element layer: H, the stress (p H^T - (H^T)^2) on its corners, tr H^2 times its volume.
+// One element layer: computes H, the stress (p H^T - (H^T)^2) at its corners, and tr H^2 times its volume.
 void FiniteStrain::deform(size_t k, SaturationCounter& saturations) {
   const Layer& layer = layers_[k];
   const size_t n_x = count(nodes_.n_x);
@@ -221,7 +222,7 @@ void FiniteStrain::deform(size_t k, SaturationCounter& saturations) {
         const int32_t difference[3] = {right + right_low - left - left_low, left_low + right_low - left - right,
                                        2 * top - all};
         for (size_t j = 0; j < 3; ++j) {
-          const auto d = static_cast<int32_t>(limited(difference[j], saturations, layer.limit[j]));
+          const auto d = static_cast<int32_t>(clamp_counted(difference[j], saturations, layer.limit[j]));
           h[c][j] = (d * layer.slope[j] + (1 << (kSlopeFraction - 1))) >> kSlopeFraction;
         }
       }
@@ -258,7 +259,7 @@ void FiniteStrain::gather_volume(const Layer& layer, SaturationCounter& saturati
   for (size_t c = 0; c < 3; ++c) {
     for (size_t i = 0; i < n; ++i) {
       const int64_t work = layer.pressure[c * n + i] * part_[i];
-      total_[c * n + i] += limited(shifted(work, -(e + kSumFraction)), saturations, kSumLimit);
+      total_[c * n + i] += clamp_counted(shift_saturating(work, -(e + kSumFraction)), saturations, kSumLimit);
     }
   }
 }
@@ -272,7 +273,7 @@ void FiniteStrain::gather_planes(SaturationCounter& saturations) {
       for (size_t i = 0; i < n; ++i) {
         const int32_t work = table[c * n + i] * part_[i] + table[(3 + c) * n + i] * part_[n + i] +
                              table[(6 + c) * n + i] * part_[2 * n + i];
-        total_[c * n + i] += limited(shifted(work, -(e + kSumFraction)), saturations, kSumLimit);
+        total_[c * n + i] += clamp_counted(shift_saturating(work, -(e + kSumFraction)), saturations, kSumLimit);
       }
     }
   }
@@ -287,7 +288,7 @@ void FiniteStrain::finish(int amplitude, SaturationCounter& saturations) {
   const int e = at_nodes_.to_places(part_, field_) + shift - kSumFraction - extension_shift_ - 2 * amplitude;
   const size_t n_nodes = force_.size();
   const auto steps = [&](size_t at) {
-    return saturate_raw<int32_t>(shifted(field_[at] * gain_, gain_shift_ - e), saturations);
+    return saturate_raw<int32_t>(shift_saturating(field_[at] * gain_, gain_shift_ - e), saturations);
   };
   for (size_t i = 0; i < n_nodes; ++i) force_[i] = {steps(i), steps(n_nodes + i), steps(2 * n_nodes + i)};
 }

@@ -24,7 +24,7 @@ int64_t magnitude(int64_t x) { return x < 0 ? -x : x; }
 int64_t floor_sqrt(int64_t x) {
   int64_t root = 0;
   int64_t rest = x;
-  // Digit by digit: at each bit, (root + bit)^2 <= x is asked of the rest.
+  // Bit by bit from the top: keeps a bit if (root + bit)^2 <= x.
   for (int shift = x == 0 ? -1 : (bit_width(x) - 1) / 2; shift >= 0; --shift) {
     const int64_t tried = ((root << 1) + (int64_t{1} << shift)) << shift;
     if (tried > rest) continue;
@@ -34,15 +34,15 @@ int64_t floor_sqrt(int64_t x) {
   return root;
 }
 
-// A node's forces, limited, and what lies around it.
+// Clamped forces of a node, and statistics of its neighbourhood.
 struct NodeSigmaModel::Neighbours {
   std::array<int64_t, 3> force{};
-  std::array<int64_t, 3> sum{};   // of the eight
-  std::array<int64_t, 3> step{};  // largest difference from one of the eight
-  int64_t pressure = 0;           // largest |f_z| of the eight
+  std::array<int64_t, 3> sum{};   // over the eight neighbours
+  std::array<int64_t, 3> step{};  // largest difference from a neighbour
+  int64_t pressure = 0;           // largest |f_z| of the neighbours
   int64_t rough = 0;              // r^2
   int64_t weight = 0;             // Q7
-  bool is_silent = true;          // no force here or around
+  bool is_silent = true;          // no force here or at a neighbour
 };
 
 Result<NodeSigmaModel> NodeSigmaModel::load(const Calibration& calibration, GridSize nodes, int64_t threshold_lsb,
@@ -91,12 +91,12 @@ int32_t NodeSigmaModel::sigma_of(const Axis& axis, const Neighbours& around, siz
                       axis.local[2] * (around.step[component] * around.step[component]) +
                       axis.local[3] * weighted(around.rough);
   const int64_t variance = table + (sum >> (kFactorFraction - kTableFraction));
-  // The root of 8 fraction bits has 4.
+  // The root of a number with 8 fraction bits has 4.
   return static_cast<int32_t>(std::max<int64_t>(round_shift(floor_sqrt(variance), kTableFraction / 2), 1));
 }
 
-// What lies around (x, y); none beyond the grid.
-NodeSigmaModel::Neighbours NodeSigmaModel::look_around(std::span<const NodeForce> force, int x, int y) const {
+// Statistics of the neighbours of (x, y); nodes outside the grid count as zero.
+NodeSigmaModel::Neighbours NodeSigmaModel::neighbours_of(std::span<const NodeForce> force, int x, int y) const {
   const auto force_at = [&](int u, int v) -> std::array<int64_t, 3> {
     if (v < 0 || v >= nodes_.n_y || u < 0 || u >= nodes_.n_x) return {};
     const NodeForce& f = force[static_cast<size_t>(v * nodes_.n_x + u)];
@@ -122,7 +122,7 @@ NodeSigmaModel::Neighbours NodeSigmaModel::look_around(std::span<const NodeForce
   return around;
 }
 
-// r^2 of every node: sums of 7 side by side, then of 7 of those one above the other.
+// r^2 of every node: sums over 7 nodes of a row, then over 7 rows.
 void NodeSigmaModel::find_roughness(std::span<const NodeForce> force) {
   const auto at = [&](int x, int y) { return static_cast<size_t>(y * nodes_.n_x + x); };
   const auto from = [](int line, int reach) { return std::max(line - reach, 0); };
@@ -163,7 +163,7 @@ void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8
   size_t i = 0;
   for (int y = 0; y < nodes_.n_y; ++y) {
     for (int x = 0; x < nodes_.n_x; ++x, ++i) {
-      Neighbours around = look_around(force, x, y);
+      Neighbours around = neighbours_of(force, x, y);
       around.rough = rough_[i];
       sigma[i] = around.is_silent ? silent : sigma_with(around);
       if (is_filled[i] == 0) continue;

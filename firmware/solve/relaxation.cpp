@@ -6,7 +6,7 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kOne = int64_t{1} << 30;
-constexpr uint64_t kLongest = 24;  // time constants after which exp is below half a step
+constexpr uint64_t kLongest = 24;  // number of time constants after which exp is below half a step
 constexpr int kPartFraction = 20;
 constexpr int64_t kWhole = int64_t{1} << kPartFraction;
 constexpr int64_t kMaxTimeMs = 1'000'000;
@@ -18,7 +18,7 @@ int64_t times_q30(int64_t a, int64_t b) { return round_shift(a * b, 30); }
 
 }  // namespace
 
-// exp(-x) = exp(-x / 2^n)^(2^n), the inner one by its series to the fifth power with x / 2^n <= 1/8.
+// exp(-x) = exp(-x / 2^n)^(2^n); the inner one by its series to fifth order, with x / 2^n <= 1/8.
 int64_t relaxed_part_q20(uint64_t duration_us, int64_t time_us) {
   const auto time = static_cast<uint64_t>(time_us);
   if (duration_us >= kLongest * time) return kWhole;

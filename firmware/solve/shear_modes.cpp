@@ -11,8 +11,8 @@ using namespace block_float;
 
 constexpr int kWeightFraction = 7;
 constexpr int64_t kFull = int64_t{1} << kWeightFraction;
-constexpr int kOrthogonalFraction = 8;              // kept while a vector is made orthogonal
-constexpr int64_t kLeastShare = 32;                 // of a vector's square that must remain, as 1 / share
+constexpr int kOrthogonalFraction = 8;              // fraction bits kept during orthogonalization
+constexpr int64_t kMinShare = 32;                   // a mode is kept if at least 1 / share of its square remains
 constexpr int kDotBits = 38;                        // of a factor of `scaled`
 constexpr int64_t kEnergyLimit = int64_t{1} << 54;  // of one mode: 96 of them stay below 2^61
 
@@ -51,7 +51,7 @@ ShearModes::ShearModes(GridSize nodes, std::span<const NodePlace> places, int64_
   for (auto* values : {&shape_.pressure, &shape_.weight, &shape_.bulge, &shape_.x_um, &shape_.y_um}) values->reserve(n);
   support_node_.reserve(n);
   vector_.reserve(2 * n);
-  left_.reserve(2 * n);
+  residual_.reserve(2 * n);
 }
 
 void ShearModes::assign(std::span<const uint8_t> mask, std::span<const uint32_t> index) {
@@ -66,7 +66,8 @@ void ShearModes::assign(std::span<const uint8_t> mask, std::span<const uint32_t>
   }
 }
 
-// Amplitudes in at most 30 bits, places from the centre of pressure; false where nothing presses.
+// Scales amplitudes to at most 30 bits, and positions relative to the centre of pressure. Returns false if nothing
+// presses.
 bool ShearModes::measure(const Contact& contact, std::span<const int64_t> y, std::span<const int64_t> weight) {
   const size_t n = contact.node.size();
   for (auto* values : {&shape_.pressure, &shape_.weight, &shape_.bulge, &shape_.x_um, &shape_.y_um}) values->resize(n);
@@ -118,7 +119,7 @@ void ShearModes::append(Contact& contact) {
     const auto at = static_cast<size_t>(j);
     take_out({contact.modes.data() + at * size, size}, contact.norm[at], vector_);
   }
-  if (before == 0 || squares(vector_, kOrthogonalFraction) * kLeastShare < before) return;
+  if (before == 0 || squares(vector_, kOrthogonalFraction) * kMinShare < before) return;
   to_16_bits(vector_);
   for (const int64_t v : vector_) contact.modes.push_back(static_cast<int16_t>(v));
   contact.norm[static_cast<size_t>(contact.n_modes)] = squares(vector_, 0);
@@ -145,29 +146,29 @@ void ShearModes::shrink(std::span<int64_t> y, std::span<const int64_t> weight) c
 }
 
 void ShearModes::shrink(const Contact& contact, std::span<int64_t> y, std::span<const int64_t> weight) const {
-  left_.clear();
+  residual_.clear();
   int64_t weight_squares = 0;
   for (const uint32_t k : contact.node) {
-    left_.insert(left_.end(), {y[3 * k], y[3 * k + 1]});
+    residual_.insert(residual_.end(), {y[3 * k], y[3 * k + 1]});
     weight_squares += 2 * weight[3 * k] * weight[3 * k];
   }
   for (int j = 0; j < contact.n_modes; ++j) {
     const auto at = static_cast<size_t>(j);
-    take_out({contact.modes.data() + at * left_.size(), left_.size()}, contact.norm[at], left_);
+    take_out({contact.modes.data() + at * residual_.size(), residual_.size()}, contact.norm[at], residual_);
   }
-  const int shift = common_shift(left_);
-  const int64_t energy = squares(left_, shift);
-  const int64_t noise = shifted(noise_y_ * noise_y_ * (weight_squares >> (2 * kWeightFraction)), 2 * shift);
+  const int shift = common_shift(residual_);
+  const int64_t energy = squares(residual_, shift);
+  const int64_t noise = shift_saturating(noise_y_ * noise_y_ * (weight_squares >> (2 * kWeightFraction)), 2 * shift);
   if (energy == 0) return;
   const int64_t lost = noise >= energy ? kFull : std::min(kNoiseShare * noise / energy, kFull);
   for (size_t i = 0; i < contact.node.size(); ++i) {
     const size_t k = contact.node[i];
-    y[3 * k] -= round_shift(left_[2 * i] * lost, kWeightFraction);
-    y[3 * k + 1] -= round_shift(left_[2 * i + 1] * lost, kWeightFraction);
+    y[3 * k] -= round_shift(residual_[2 * i] * lost, kWeightFraction);
+    y[3 * k + 1] -= round_shift(residual_[2 * i + 1] * lost, kWeightFraction);
   }
 }
 
-// |r| < 2^32, and by Cauchy and Schwarz what is added to z stays below 2^32 times the root of the support's size.
+// r| < 2^32 and, by Cauchy-Schwarz, the vector added to z stays below 2^32 times the square root of the support's size.
 int64_t ShearModes::precondition(std::span<const int64_t> r, std::span<int64_t> z, int energy_shift) const {
   int64_t energy = 0;
   for (int c = 0; c < n_contacts_; ++c) {

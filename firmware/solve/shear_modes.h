@@ -1,15 +1,15 @@
-// The shear that a contact mostly carries, as a few vectors over its nodes.
+// Low-dimensional basis of the shear that contacts usually carry, as a few vectors over each contact's nodes.
 //
-// With q the pressure of the present estimate, w the weight of a node and X, Y its place from the
-// centre of q, each contact has twelve: amplitude q, w, q (X^2 + Y^2) times
-//   (1, 0), (0, 1)   pushed along x, y        (-Y, X)   twisted        (X, Y)   spread by the pressure itself
-// made orthogonal one after the other (modified Gram-Schmidt; what nothing is left of is dropped). They
-// serve twice:
-//   shrink       The linear estimate's shear outside them is mostly noise. What is left of it after the modes
-//                is multiplied by 1 - 1.5 E_noise / E_left, not below 0 (James and Stein, 1961; E: sums of squares)
-//   precondition z += 2 sum b (b . r) / (b . b): a prior that gives the modes freedom, so that two steps find them
-// Contacts beyond kMaxContacts have no modes and keep their shear. All vectors are 16 bits with exact 64-bit
-// sums. Frame thread; no allocation after the constructor. Not in the paper; measured in host/ruffini/fem/README.md.
+// With q the pressure of the current estimate, w the weight of a node and X, Y its position relative to the centre of
+// q, each contact has twelve modes: the amplitudes q, w and q (X^2 + Y^2) times
+//   (1, 0), (0, 1)   translation along x, y       (-Y, X)   twist       (X, Y)   spreading
+// They are orthogonalized one after the other (modified Gram-Schmidt); modes with no remainder are dropped. They serve
+// two purposes:
+//   shrink       Shear of the linear estimate outside the modes is mostly noise. The remainder after projection
+//                is multiplied by 1 - 1.5 E_noise / E_rest, not below 0 (James and Stein, 1961; E: sums of squares)
+//   precondition z += 2 sum b (b . r) / (b . b): a prior that lets two steps reach the modes
+// Contacts beyond kMaxContacts have no modes and keep their shear. All vectors have 16 bits and exact 64-bit sums.
+// Frame thread; no allocation after the constructor. Not in the paper; measured in host/ruffini/fem/DESIGN.md.
 #pragma once
 
 #include <array>
@@ -23,7 +23,7 @@
 
 namespace ruffini {
 
-// Where a node is, from the pad's centre.
+// Position of a node relative to the pad's centre.
 struct NodePlace {
   int32_t x_um = 0;
   int32_t y_um = 0;
@@ -33,28 +33,28 @@ class ShearModes {
  public:
   static constexpr int kMaxContacts = 8;
   static constexpr int kModes = 12;
-  static constexpr int kGainShift = 1;         // the modes' prior is twice that of a surely touched node
+  static constexpr int kGainShift = 1;         // the prior of the modes is twice that of a node with full weight
   static constexpr int64_t kNoiseShare = 192;  // 1.5 in Q7
 
   // noise_y: standard deviation of the linear estimate's shear, in the unit of y; at most 2^24.
   ShearModes(GridSize nodes, std::span<const NodePlace> places, int64_t noise_y);
 
-  // Which support node belongs to which contact. `index`: unknowns of the support, x, y, z of each node in turn.
+  // Assigns the support's nodes to contacts. `index`: the unknowns of the support, x, y, z of each node in turn.
   void assign(std::span<const uint8_t> mask, std::span<const uint32_t> index);
-  // The modes of `y` (x, y, z of each support node) with `weight` (Q7, likewise).
+  // Computes the modes of `y` (x, y, z of each support node) with `weight` (Q7, same order).
   void learn(std::span<const int64_t> y, std::span<const int64_t> weight);
   void shrink(std::span<int64_t> y, std::span<const int64_t> weight) const;
-  // Adds to z; returns r . (what it added) in units of 2^(2 energy_shift).
+  // Adds to z. Returns r . (the added vector) in units of 2^(2 energy_shift).
   int64_t precondition(std::span<const int64_t> r, std::span<int64_t> z, int energy_shift) const;
 
  private:
   struct Contact {
-    std::vector<uint32_t> node;  // positions in the support
+    std::vector<uint32_t> node;  // indices into the support
     std::vector<int16_t> modes;  // n_modes x (x, y of each node)
     std::array<int64_t, kModes> norm{};
     int n_modes = 0;
   };
-  // Amplitudes and places of one contact's nodes.
+  // Amplitudes and positions of one contact's nodes.
   struct Shape {
     std::vector<int64_t> pressure;
     std::vector<int64_t> weight;
@@ -75,8 +75,8 @@ class ShearModes {
   std::array<Contact, kMaxContacts> contacts_;
   int n_contacts_ = 0;
   Shape shape_;
-  std::vector<int64_t> vector_;        // the one being made orthogonal
-  mutable std::vector<int64_t> left_;  // of the shear after the modes
+  std::vector<int64_t> vector_;            // the vector being orthogonalized
+  mutable std::vector<int64_t> residual_;  // shear remaining after projection on the modes
 };
 
 }  // namespace ruffini

@@ -15,7 +15,7 @@ Error bad(const char* what) {
 Result<SpreadCheck> SpreadCheck::load(const Calibration& calibration, GridSize nodes,
                                       std::span<const NodePlace> places) {
   const int n = 3 * nodes.count();
-  if (nodes.count() > kMostNodes) return bad("support.spread is for at most 4096 nodes");
+  if (nodes.count() > kMaxNodes) return bad("support.spread is for at most 4096 nodes");
   auto spread = calibration.tensor("support.spread", Tensor::Type::kI32, {n});
   if (!spread) return spread.error();
   auto limit = calibration.tensor("support.spread_limit", Tensor::Type::kI32, {1});
@@ -32,9 +32,9 @@ Result<SpreadCheck> SpreadCheck::load(const Calibration& calibration, GridSize n
 
 bool SpreadCheck::is_explained(std::span<const int16_t> u, std::span<const NodeForce> force,
                                std::span<const NodeForce> beyond, bool is_pressed) const {
-  int64_t seen = 0;       // um, 1/8 um
-  int64_t all = 0;        // the same, of absolute values
-  int64_t explained = 0;  // the same
+  int64_t seen = 0;       // in um times 1/8 um
+  int64_t all = 0;        // same unit, of absolute values
+  int64_t explained = 0;  // same unit
   for (size_t i = 0; i < place_.size(); ++i) {
     const int64_t x = int64_t{place_[i].x_um} * u[3 * i];
     const int64_t y = int64_t{place_[i].y_um} * u[3 * i + 1];

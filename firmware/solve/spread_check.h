@@ -1,22 +1,24 @@
-// Whether the forces of a frame are all that presses: what the second pass cannot see on its own.
+// Checks whether the computed forces explain the whole load, including broad loads that the second pass cannot resolve.
 //
-// Rubber that is pressed gives way to the sides. With X, Y a node's place from the pad's centre, p = (X, Y, 0), u the
-// displacement and f the forces less what finite strain adds, of the linear pad u = C f
+// Rubber under pressure moves sideways. With X, Y a node's position relative to the pad's centre, p = (X, Y, 0), u the
+// displacement and f the forces minus the finite-strain part, the linear pad u = C f gives
 //
 //   seen      = sum p . u               explained = sum q . f,  q = C^T p  (`support.spread`)
-//   lost      where |seen - explained| > limit + 1/8 sum |p . u|
-//   limit     `support.spread_limit`; three times that where a node presses (ContactMask::is_pressed): a faint touch begins so
+//   unexplained if |seen - explained| > limit + 1/8 sum |p . u|
+//   limit       `support.spread_limit`; three times that if a node presses (ContactMask::is_pressed), as faint touches
+//               begin
 //
-// A punch so wide that its pressure stays below what counts as a touch moves the surface around it by many times the noise; a
-// plate wider than the pad only comes nearer to the camera, which perspective shows as the same motion, and so does a camera
-// that moved. Of punches and balls 0.08 remain unexplained at most, 0.16 of those that hang over the pad's edge
-// (firmware/README.md).
+// A punch so wide that its pressure stays below the contact threshold moves the surface around it by many times the
+// noise. A plate wider than the pad only comes closer to the camera; perspective shows the same motion, and so does a
+// camera that moved. For punches and balls at most 0.08 remains unexplained, for those that overhang the pad's edge
+// 0.16 (firmware/DESIGN.md).
 //
-// Depth whose zero is the mean of the rim (board.toml [depth] gauge = "margin") needs a rim at rest. A pad that is pressed on
-// more than an eighth of its rim has none. One that is touched on more than 5/16 of its nodes (stages/support/second_pass) has too
-// little: its forces are 16 % low to 8 % high, and no sum over the surface shows it.
+// If depth is zeroed on the mean of the rim (board.toml [depth] gauge = "margin"), the rim must be at rest. It is not
+// if more than an eighth of the rim is pressed. If more than 5/16 of all nodes are touched
+// (stages/support/second_pass), too little rim remains: forces are 16 % low to 8 % high, and no sum over the surface
+// shows it.
 //
-// Two sums over the nodes. Frame thread; no allocation after load. Not in the paper.
+// Cost: two sums over the nodes. Frame thread; no allocation after load. Not in the paper.
 #pragma once
 
 #include <cstdint>
@@ -37,13 +39,13 @@ class SpreadCheck {
   static constexpr int64_t kPressedLimits = 3;
   static constexpr int32_t kMaxSpread = 1 << 23;
   static constexpr int32_t kMaxForce = 1 << 27;  // steps
-  static constexpr int kMostNodes = 4'096;       // so that the sums fit: 3 x 2^12 2^23 2^27 < 2^63
+  static constexpr int kMaxNodes = 4'096;        // keeps the sums within int64: 3 x 2^12 2^23 2^27 < 2^63
 
   [[nodiscard]] static Result<SpreadCheck> load(const Calibration& calibration, GridSize nodes,
                                                 std::span<const NodePlace> places);
 
-  // `u`: xyz interleaved; `beyond`: what finite strain added to `force`, empty without; `is_pressed`: by the linear
-  // estimate a node presses (ContactMask::is_pressed).
+  // `u`: xyz interleaved. `beyond`: finite-strain part of `force`, or empty. `is_pressed`: the linear estimate presses
+  // at some node (ContactMask::is_pressed).
   [[nodiscard]] bool is_explained(std::span<const int16_t> u, std::span<const NodeForce> force,
                                   std::span<const NodeForce> beyond, bool is_pressed) const;
 
@@ -53,7 +55,7 @@ class SpreadCheck {
   int64_t limit_ = 0;
 };
 
-// True if more than an eighth of the outermost nodes press harder than a quarter of `threshold_lsb`.
+// Returns true if more than an eighth of the outermost nodes exceed a quarter of `threshold_lsb`.
 [[nodiscard]] bool is_rim_pressed(GridSize nodes, std::span<const NodeForce> force, int64_t threshold_lsb);
 
 }  // namespace ruffini

@@ -10,13 +10,13 @@ namespace {
 
 using namespace block_float;
 
-constexpr int64_t kImageLimit = int64_t{1} << 33;  // of H p16: its energy over 2^14 unknowns stays below 2^62
+constexpr int64_t kImageLimit = int64_t{1} << 33;  // clamp of H p16: its energy over 2^14 unknowns stays below 2^62
 constexpr int kImageFraction = 8;
 constexpr int kForceFraction = 30;
 constexpr int kUnitFraction = 14;  // of y and r
 constexpr int kSizeFraction = 12;
 constexpr int64_t kUnitSize = int64_t{1} << kSizeFraction;
-constexpr int64_t kMostSize = 4;
+constexpr int64_t kMaxSize = 4;
 constexpr int64_t kMaxNoise = int64_t{1} << 24;
 
 bool is_shear(uint32_t unknown) { return unknown % 3 != 2; }
@@ -47,7 +47,7 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, GridSi
   out.p16_.resize(size);
   out.wide_.resize(size);
   out.beyond_.resize(size);
-  out.left_.resize(size);
+  out.residual_.resize(size);
   out.all_.resize(size);
   std::iota(out.all_.begin(), out.all_.end(), 0U);
   for (auto* values : {&out.weight_, &out.b_, &out.y_, &out.r_, &out.v_, &out.z_, &out.p_, &out.image_}) {
@@ -83,11 +83,11 @@ int SupportSolver::spread(std::span<const int64_t> values) {
 void SupportSolver::multiply(SaturationCounter& saturations) {
   image_.resize(index_.size());
   normal_.run(p16_, wide_);
-  for (size_t i = 0; i < index_.size(); ++i) image_[i] = limited(wide_[index_[i]], saturations, kImageLimit);
-  for (Watched& w : watched_) w.image = limited(wide_[w.unknown], watched_saturations_, kImageLimit);
+  for (size_t i = 0; i < index_.size(); ++i) image_[i] = clamp_counted(wide_[index_[i]], saturations, kImageLimit);
+  for (Watched& w : watched_) w.image = clamp_counted(wide_[w.unknown], watched_saturations_, kImageLimit);
 }
 
-// y = w times the linear estimate, and b.
+// y = w times the linear estimate; computes b.
 void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce> force,
                           SaturationCounter& saturations) {
   y_.resize(index_.size());
@@ -101,29 +101,29 @@ void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce>
   for (size_t i = 0; i < index_.size(); ++i) {
     const NodeForce& f = force[index_[i] / 3];
     const int64_t value = index_[i] % 3 == 0 ? f.x : index_[i] % 3 == 1 ? f.y : f.z;
-    const int64_t y = limited(floor_div(value * (int64_t{1} << kForceFraction), scale_[index_[i]]), saturations);
+    const int64_t y = clamp_counted(floor_div(value * (int64_t{1} << kForceFraction), scale_[index_[i]]), saturations);
     y_[i] = round_shift(weight_[i] * y, ContactMask::kFraction);
     b_[i] = wide_[index_[i]];
   }
 }
 
-// H (beyond / d), all nodes: beyond is not zero outside the support.
+// H (beyond / d) at all nodes, since the finite-strain part is not zero outside the support.
 void SupportSolver::add_to_b(std::span<const NodeForce> beyond, SaturationCounter& saturations) {
   for (size_t i = 0; i < beyond_.size(); ++i) {
     const NodeForce& f = beyond[i / 3];
     const int64_t value = i % 3 == 0 ? f.x : i % 3 == 1 ? f.y : f.z;
-    beyond_[i] = limited(floor_div(value * (int64_t{1} << kForceFraction), scale_[i]), saturations);
+    beyond_[i] = clamp_counted(floor_div(value * (int64_t{1} << kForceFraction), scale_[i]), saturations);
   }
   const int shift = common_shift(beyond_);
   std::transform(beyond_.begin(), beyond_.end(), p16_.begin(),
                  [&](int64_t v) { return static_cast<int16_t>(to_16(v, shift)); });
   multiply(saturations);
-  for (size_t i = 0; i < index_.size(); ++i) b_[i] += shifted(image_[i], kImageFraction - shift);
-  for (Watched& w : watched_) w.b += shifted(w.image, kImageFraction - shift);
+  for (size_t i = 0; i < index_.size(); ++i) b_[i] += shift_saturating(image_[i], kImageFraction - shift);
+  for (Watched& w : watched_) w.b += shift_saturating(w.image, kImageFraction - shift);
   std::fill(p16_.begin(), p16_.end(), int16_t{0});
 }
 
-// w and y times clamp(-f_z / T, 0, 1), node by node: index_ holds x, y, z of each node in turn.
+// Multiplies w and y by clamp(-f_z / T, 0, 1), node by node: index_ holds x, y, z of each node in turn.
 void SupportSolver::weaken_pull(int64_t threshold_lsb) {
   for (size_t i = 0; i < index_.size(); i += 3) {
     const int64_t pressure = -round_shift(y_[i + 2] * scale_[index_[i + 2]], kForceFraction);
@@ -135,7 +135,7 @@ void SupportSolver::weaken_pull(int64_t threshold_lsb) {
   }
 }
 
-// z = M r with M = w^2, a quarter of that for shear, and the shear modes; returns r . z.
+// z = M r with M = w^2, a quarter of that for shear, plus the shear modes. Returns r . z.
 SupportSolver::Energy SupportSolver::precondition() {
   for (size_t i = 0; i < index_.size(); ++i) {
     const int shift = ContactMask::kFraction + (is_shear(index_[i]) ? 1 : 0);
@@ -148,7 +148,7 @@ SupportSolver::Energy SupportSolver::precondition() {
   return out;
 }
 
-// By how much y = p16 2^shift, whose image is there, explains b best.
+// Returns the factor by which y = p16 2^shift, whose image is computed, explains b best.
 int64_t SupportSolver::size_q12(int shift) const {
   const int b_shift = common_shift(b_);
   int64_t explained = 0;  // p16 . b16
@@ -159,8 +159,8 @@ int64_t SupportSolver::size_q12(int shift) const {
   }
   if (explained <= 0 || curvature <= 0) return kUnitSize;
   const Quotient size = quotient(explained, curvature, b_shift - shift + kImageFraction);
-  return std::clamp(shifted(size.mantissa, -(size.exponent + kSizeFraction)), kUnitSize / kMostSize,
-                    kUnitSize * kMostSize);
+  return std::clamp(shift_saturating(size.mantissa, -(size.exponent + kSizeFraction)), kUnitSize / kMaxSize,
+                    kUnitSize * kMaxSize);
 }
 
 // y = s y in the first round, r = b - H y; p = z; kSteps conjugate-gradient steps.
@@ -169,12 +169,14 @@ void SupportSolver::round(bool is_first, SaturationCounter& saturations) {
   multiply(saturations);
   const int64_t size = is_first ? size_q12(shift) : kUnitSize;
   for (size_t i = 0; i < index_.size(); ++i) {
-    y_[i] = limited(shifted(p16_[index_[i]] * size, kSizeFraction - shift), saturations);
-    r_[i] = limited(b_[i] - shifted(image_[i] * size, kSizeFraction + kImageFraction - shift), saturations);
+    y_[i] = clamp_counted(shift_saturating(p16_[index_[i]] * size, kSizeFraction - shift), saturations);
+    r_[i] =
+        clamp_counted(b_[i] - shift_saturating(image_[i] * size, kSizeFraction + kImageFraction - shift), saturations);
   }
-  for (Watched& w : watched_) w.r = limited(w.b - shifted(w.image, kImageFraction - shift), watched_saturations_);
+  for (Watched& w : watched_)
+    w.r = clamp_counted(w.b - shift_saturating(w.image, kImageFraction - shift), watched_saturations_);
   Energy current = precondition();
-  for (size_t i = 0; i < index_.size(); ++i) p_[i] = limited(z_[i], saturations);
+  for (size_t i = 0; i < index_.size(); ++i) p_[i] = clamp_counted(z_[i], saturations);
   for (int i = 0; i < kSteps && current.sum > 0; ++i) {
     if (!step(current, saturations)) break;
   }
@@ -188,15 +190,16 @@ bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
   if (curvature <= 0) return false;
   const Quotient step = quotient(current.sum, curvature, 2 * (current.shift - shift) + kImageFraction);
   for (size_t i = 0; i < index_.size(); ++i) {
-    y_[i] = limited(y_[i] + scaled(p16_[index_[i]], step, shift), saturations);
-    r_[i] = limited(r_[i] - scaled(image_[i], step, shift - kImageFraction), saturations);
+    y_[i] = clamp_counted(y_[i] + scaled(p16_[index_[i]], step, shift), saturations);
+    r_[i] = clamp_counted(r_[i] - scaled(image_[i], step, shift - kImageFraction), saturations);
   }
-  for (Watched& w : watched_) w.r = limited(w.r - scaled(w.image, step, shift - kImageFraction), watched_saturations_);
+  for (Watched& w : watched_)
+    w.r = clamp_counted(w.r - scaled(w.image, step, shift - kImageFraction), watched_saturations_);
   const Energy next = precondition();
   if (next.sum == 0) return false;
   const Quotient beta = quotient(next.sum, current.sum, 2 * (next.shift - current.shift));
   for (size_t i = 0; i < index_.size(); ++i) {
-    p_[i] = limited(z_[i] + scaled(p_[i], beta, 0), saturations);
+    p_[i] = clamp_counted(z_[i] + scaled(p_[i], beta, 0), saturations);
   }
   current = next;
   return true;
@@ -229,30 +232,31 @@ void SupportSolver::watch(std::span<const uint32_t> unknowns) {
   for (const uint32_t j : unknowns) watched_.push_back({.unknown = j});
 }
 
-void SupportSolver::leave_watched(std::span<int32_t> residual) const {
+void SupportSolver::watched_residual(std::span<int32_t> residual) const {
   std::transform(watched_.begin(), watched_.end(), residual.begin(), [](const Watched& w) {
-    return static_cast<int32_t>(round_shift(w.r, kUnitFraction - kLeftFraction));
+    return static_cast<int32_t>(round_shift(w.r, kUnitFraction - kResidualFraction));
   });
 }
 
-void SupportSolver::leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations) {
-  // What the linear pad's displacement is explained by: y - beyond / d.
-  std::fill(left_.begin(), left_.end(), int64_t{0});
-  if (has_beyond_) std::transform(beyond_.begin(), beyond_.end(), left_.begin(), [](int64_t v) { return -v; });
-  for (size_t i = 0; i < index_.size(); ++i) left_[index_[i]] += y_[i];
-  const int shift = common_shift(left_);
-  std::transform(left_.begin(), left_.end(), p16_.begin(),
+void SupportSolver::residual(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations) {
+  // The linear pad explains y - beyond / d.
+  std::fill(residual_.begin(), residual_.end(), int64_t{0});
+  if (has_beyond_) std::transform(beyond_.begin(), beyond_.end(), residual_.begin(), [](int64_t v) { return -v; });
+  for (size_t i = 0; i < index_.size(); ++i) residual_[index_[i]] += y_[i];
+  const int shift = common_shift(residual_);
+  std::transform(residual_.begin(), residual_.end(), p16_.begin(),
                  [&](int64_t v) { return static_cast<int16_t>(to_16(v, shift)); });
   normal_.select(all_);
   normal_.run(p16_, wide_);
-  std::transform(wide_.begin(), wide_.end(), left_.begin(), [&](int64_t v) {
-    return limited(shifted(limited(v, saturations, kImageLimit), kImageFraction - shift), saturations);
+  std::transform(wide_.begin(), wide_.end(), residual_.begin(), [&](int64_t v) {
+    return clamp_counted(shift_saturating(clamp_counted(v, saturations, kImageLimit), kImageFraction - shift),
+                         saturations);
   });
   project_.select(all_);
   project_.run(u, wide_);
   for (size_t i = 0; i < residual.size(); ++i) {
-    const int64_t left = limited(wide_[i], saturations) - left_[i];
-    residual[i] = static_cast<int32_t>(round_shift(left, kUnitFraction - kLeftFraction));
+    const int64_t left = clamp_counted(wide_[i], saturations) - residual_[i];
+    residual[i] = static_cast<int32_t>(round_shift(left, kUnitFraction - kResidualFraction));
   }
 }
 

@@ -4,8 +4,8 @@
 #include <bit>
 #include <utility>
 
-// Compiled twice, AVX2 where the processor has it. Integers: equal bit for bit. The choice is made while the program is
-// loaded, before the thread sanitizer's run time is there.
+// Compiled twice, with AVX2 if the processor has it; integer results are bit-identical. The choice is made at load
+// time, before the thread sanitizer's run time exists.
 #if defined(__x86_64__) && !defined(__SANITIZE_THREAD__)
 #define RUFFINI_AVX2_TOO __attribute__((target_clones("avx2", "default")))
 #else
@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kBits = 14;
 
-// So many columns at a time stay in registers; the last ones are taken again where they do not divide.
+// Number of columns that stay in registers. If it does not divide the width, the last columns are computed twice.
 constexpr size_t kColumns = 16;
 
 // Products of 16-bit numbers and 32-bit sums.
@@ -37,7 +37,7 @@ RUFFINI_AVX2_TOO void multiply_wide(const int16_t* left, size_t n_rows, size_t n
   }
 }
 
-// out = left right, row by row; `right` and `out` are read and written along their rows.
+// out = left right, row by row; `right` and `out` are accessed along their rows.
 void multiply(std::span<const int16_t> left, size_t n_rows, size_t n_inner, const int16_t* right, size_t n_columns,
               int32_t* out) {
   if (n_columns >= kColumns) return multiply_wide(left.data(), n_rows, n_inner, right, n_columns, out);
@@ -61,7 +61,7 @@ RUFFINI_AVX2_TOO int narrow_to_14(std::span<const int32_t> values, std::span<int
     std::transform(values.begin(), values.end(), out.begin(), [](int32_t v) { return static_cast<int16_t>(v); });
     return 0;
   }
-  // Half up without a sum that could overflow: |values| may be as large as 2^31 - 1.
+  // Rounds half up without an intermediate sum, which could overflow: |values| may be up to 2^31 - 1.
   for (size_t i = 0; i < values.size(); ++i) {
     out[i] = static_cast<int16_t>((values[i] >> shift) + ((values[i] >> (shift - 1)) & 1));
   }

@@ -43,17 +43,17 @@ size_t item_bytes(Tensor::Type type) {
 
 }  // namespace
 
-// The one JSON shape that a safetensors header may have:
+// The only JSON structure that is accepted as a safetensors header:
 // {"__metadata__": {text: text...}, name: {"dtype": text, "shape": [n...], "data_offsets": [a, b]}...}
 class HeaderParser {
  public:
   HeaderParser(std::span<const uint8_t> header, std::span<const uint8_t> data, Calibration& out)
       : text_(reinterpret_cast<const char*>(header.data()), header.size()), data_(data), out_(out) {}
 
-  // "" on success, otherwise what is wrong.
+  // Returns "" on success, otherwise the problem.
   std::string run() {
     if (std::any_of(text_.begin(), text_.end(), [](char c) { return static_cast<uint8_t>(c) >= 0x80; })) {
-      return "header is not plain ASCII";  // HELLO says parts of it, and must be UTF-8
+      return "header is not plain ASCII";  // HELLO repeats parts of it and must be UTF-8
     }
     if (!take('{')) return "header does not start with {";
     size_t next_offset = 0;
@@ -80,7 +80,7 @@ class HeaderParser {
     ++at_;
     return true;
   }
-  // A string without escapes: names and keys.
+  // Parses a string without escapes: names and keys.
   bool take_name(std::string_view& out) {
     if (!take('"')) return false;
     const size_t begin = at_;
@@ -93,7 +93,7 @@ class HeaderParser {
     ++at_;
     return !out.empty();
   }
-  // A string value; escapes \" \\ \/ \n \t.
+  // Parses a string value; escapes \" \\ \/ \n \t.
   bool take_value(std::string& out) {
     if (!take('"')) return false;
     while (at_ < text_.size() && text_[at_] != '"') {
@@ -234,7 +234,7 @@ Result<Calibration> Calibration::parse(std::span<const uint8_t> file) {
   return out;
 }
 
-// What this firmware does not know could change the meaning of what it knows: refused, not passed over.
+// A kind that this firmware does not know could change the meaning of the others, so the file is refused.
 Status Calibration::check_kinds() const {
   for (std::string_view rest = text("kinds"); !rest.empty();) {
     const size_t comma = std::min(rest.find(','), rest.size());

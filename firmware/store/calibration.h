@@ -1,7 +1,7 @@
-// The calibration file (proto/CALIBRATION.md), parsed where it lies and never copied.
+// Parser for the calibration file (proto/CALIBRATION.md). It never copies the file.
 //
-// Every length and offset of the file is checked before use; what remains are views that stay valid
-// as long as the bytes do. No floating point, no system call, no allocation that the file could size.
+// Every length and offset in the file is checked before use. The results are views, valid as long as the bytes are. No
+// floating point, no system call, no allocation whose size the file determines.
 #pragma once
 
 #include <cstddef>
@@ -34,17 +34,17 @@ class Calibration {
   // Views into `file`, which must be 8-byte aligned and outlive the result. Errors: kBadInput.
   [[nodiscard]] static Result<Calibration> parse(std::span<const uint8_t> file);
 
-  // "" where the key is absent.
+  // Returns "" if the key is absent.
   [[nodiscard]] std::string_view text(std::string_view key) const;
-  // kBadInput where the key is absent, not a decimal integer, or outside [low, high].
+  // Returns kBadInput if the key is absent, not a decimal integer, or outside [low, high].
   [[nodiscard]] Result<int64_t> integer(std::string_view key, int64_t low, int64_t high) const;
   [[nodiscard]] const Tensor* tensor(std::string_view name) const;
-  // kBadInput where the tensor is absent or has another type or shape.
+  // Returns kBadInput if the tensor is absent or has another type or shape.
   [[nodiscard]] Result<const Tensor*> tensor(std::string_view name, Tensor::Type type,
                                              const std::vector<int64_t>& shape) const;
   [[nodiscard]] bool has_kind(std::string_view kind) const;
 
-  // What the signature covers, and the signature (64 bytes).
+  // Bytes covered by the signature, and the signature (64 bytes).
   [[nodiscard]] std::span<const uint8_t> signed_bytes() const { return signed_bytes_; }
   [[nodiscard]] std::span<const uint8_t> signature() const { return signature_; }
 

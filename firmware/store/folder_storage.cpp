@@ -44,7 +44,7 @@ class WrittenFile final : public NewFile {
   std::string path_;
 };
 
-// All of an open file: what it is is asked of the descriptor that is read, so nobody can change it in between.
+// Reads an open file completely. Its type and size come from the same descriptor, so they cannot change in between.
 Result<std::vector<uint8_t>> read_whole(const UniqueFd& file, const std::string& path, ReadFrom from) {
   struct stat status{};
   if (::fstat(file.get(), &status) != 0) return storage_error("stat", path);
@@ -105,7 +105,7 @@ Result<std::vector<uint8_t>> FolderStorage::read(const std::string& name, ReadFr
 Result<std::unique_ptr<NewFile>> FolderStorage::create(const std::string& name, size_t n_bytes) {
   UniqueFd file(::openat(fd_.get(), name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600));
   if (!file) return storage_error("create", path(name));
-  // Room first: a full medium is found before the first byte, and no write can run out of it.
+  // Allocates first: a full medium is detected before the first byte, and no write can run out of space.
   const int failed = n_bytes == 0 ? 0 : ::posix_fallocate(file.get(), 0, static_cast<off_t>(n_bytes));
   if (failed != 0) {
     ::unlinkat(fd_.get(), name.c_str(), 0);

@@ -1,5 +1,5 @@
-// A folder of the board's file system as the store's medium (store/storage.h). No name leads out of it: links are
-// refused, and the folder is held open.
+// Implements the medium of the store (store/storage.h) as a folder of the file system. Names cannot leave the folder:
+// links are refused, and the folder's descriptor is held open.
 #pragma once
 
 #include <cstdint>
@@ -12,12 +12,12 @@
 
 namespace ruffini {
 
-// One file, by a path that may be a link. Errors: kStorage with path and remedy.
+// Reads one file; the path may be a link. Errors: kStorage with path and remedy.
 [[nodiscard]] Result<std::vector<uint8_t>> read_file(const std::string& path);
 
 class FolderStorage final : public Storage {
  public:
-  // Creates the folder where it is missing; one that is read-only will do. Errors: kStorage with path and remedy.
+  // Creates the folder if it is missing. A read-only folder is accepted. Errors: kStorage with path and remedy.
   [[nodiscard]] static Result<std::unique_ptr<Storage>> open(const std::string& folder);
 
   [[nodiscard]] Result<std::vector<std::string>> list() const override;

@@ -19,8 +19,8 @@ namespace {
 
 constexpr char kName[] = "last-run";
 constexpr uint32_t kMagic = 0x314E5552;  // "RUN1"
-constexpr uint32_t kRunning = 3;         // an end of its own: none yet
-constexpr size_t kNameBytes = 16;        // of a thread, as Linux keeps it
+constexpr uint32_t kRunning = 3;         // no end has been recorded yet
+constexpr size_t kNameBytes = 16;        // length of a thread name in Linux
 constexpr int kSignals[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
 
 struct Record {
@@ -36,17 +36,17 @@ struct Record {
 };
 static_assert(sizeof(Record) == 64 && std::is_trivially_copyable_v<Record>, "as stored, without padding");
 
-// What the handler of a signal may touch.
-struct Kept {
+// Data that the signal handler may access.
+struct CrashRecord {
   int fd = -1;
   uint64_t started_us = 0;
   uint32_t crashes_before = 0;
   std::atomic<uint32_t> calibration_id{0};
   std::atomic<const char*> stuck{""};
 };
-Kept kept;
+CrashRecord crash_record;
 
-// Safe in a signal's handler, as all below it.
+// Async-signal-safe, as is everything that it calls.
 uint64_t now_us() {
   timespec t{};
   ::clock_gettime(CLOCK_MONOTONIC, &t);
@@ -61,15 +61,15 @@ void write_record(uint32_t end, int signal) {
   Record record;
   record.end = end;
   record.signal = static_cast<uint32_t>(signal);
-  record.uptime_us = now_us() - kept.started_us;
-  record.calibration_id = kept.calibration_id;
+  record.uptime_us = now_us() - crash_record.started_us;
+  record.calibration_id = crash_record.calibration_id;
   if (end == static_cast<uint32_t>(RunEnd::kCrashed)) {
-    record.crashes = record.uptime_us < RunRecord::kSoonUs ? kept.crashes_before + 1 : 0;
+    record.crashes = record.uptime_us < RunRecord::kSoonUs ? crash_record.crashes_before + 1 : 0;
     ::prctl(PR_GET_NAME, record.thread.data());
-    std::strncpy(record.stuck.data(), kept.stuck.load(), kNameBytes - 1);
+    std::strncpy(record.stuck.data(), crash_record.stuck.load(), kNameBytes - 1);
   }
   record.crc = crc_of(record);
-  (void)!::pwrite(kept.fd, &record, sizeof record, 0);
+  (void)!::pwrite(crash_record.fd, &record, sizeof record, 0);
 }
 
 void on_crash(int signal) {
@@ -104,13 +104,13 @@ std::optional<LastRun> read_last(int fd) {
 
 RunRecord::RunRecord(const std::string& folder) {
   const std::string path = folder + "/" + kName;
-  kept.fd = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0600);
-  if (kept.fd < 0) return;
-  last_ = read_last(kept.fd);
-  kept.started_us = now_us();
-  kept.crashes_before = last_ ? last_->crashes : 0;
-  kept.calibration_id = 0;
-  kept.stuck = "";
+  crash_record.fd = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0600);
+  if (crash_record.fd < 0) return;
+  last_ = read_last(crash_record.fd);
+  crash_record.started_us = now_us();
+  crash_record.crashes_before = last_ ? last_->crashes : 0;
+  crash_record.calibration_id = 0;
+  crash_record.stuck = "";
   write_record(kRunning, 0);
   for (const int signal : kSignals) {
     struct sigaction action{};
@@ -121,15 +121,15 @@ RunRecord::RunRecord(const std::string& folder) {
 }
 
 RunRecord::~RunRecord() {
-  if (kept.fd < 0) return;
+  if (crash_record.fd < 0) return;
   for (const int signal : kSignals) ::signal(signal, SIG_DFL);
   write_record(static_cast<uint32_t>(RunEnd::kStopped), 0);
-  ::close(kept.fd);
-  kept.fd = -1;
+  ::close(crash_record.fd);
+  crash_record.fd = -1;
 }
 
-void RunRecord::note_calibration(uint32_t id) { kept.calibration_id = id; }
-void RunRecord::note_stuck(const char* thread) { kept.stuck = thread; }
+void RunRecord::note_calibration(uint32_t id) { crash_record.calibration_id = id; }
+void RunRecord::note_stuck(const char* thread) { crash_record.stuck = thread; }
 void RunRecord::name_thread(const char* name) { ::prctl(PR_SET_NAME, name); }
 
 }  // namespace ruffini

@@ -1,6 +1,6 @@
-// How the run before this one ended, kept in a small file beside the calibrations: 64 bytes with a CRC-32C, written at
-// the start, at the end, and by the handler of the signals that end a crashed process. Never synced: it may be lost with
-// the power, and is then damaged or old, which the CRC and the start's own record tell.
+// Records how the previous run ended, in a small file beside the calibrations: 64 bytes with a CRC-32C, written at
+// start, at the end, and by the handler of fatal signals. It is never synced: a power cut may lose or damage it, which
+// the CRC and the record of the start reveal.
 #pragma once
 
 #include <array>
@@ -17,11 +17,11 @@ enum class RunEnd : uint32_t { kStopped = 0, kCrashed = 1, kCut = 2 };  // numbe
 struct LastRun {
   RunEnd end = RunEnd::kStopped;
   uint32_t signal = 0;
-  std::string thread;  // that crashed
-  std::string stuck;   // that the watchdog waited for
+  std::string thread;  // name of the thread that crashed
+  std::string stuck;   // name of the thread that the watchdog waited for
   uint64_t uptime_us = 0;
   std::string calibration_id;  // 4 bytes, or empty
-  uint32_t crashes = 0;        // in a row, each within kSoonUs of its start
+  uint32_t crashes = 0;        // consecutive, each within kSoonUs of its start
 };
 
 class RunRecord {
@@ -29,19 +29,19 @@ class RunRecord {
   static constexpr uint64_t kSoonUs = 20'000'000;
   static constexpr uint32_t kSafeAfter = 3;  // crashes in a row
 
-  // Reads what the last run left in `folder` and begins this run's record. A folder that cannot be written keeps none.
-  // At most one object at a time; it takes the signals SEGV, BUS, FPE, ILL and ABRT.
+  // Reads the record of the last run in `folder` and begins that of this run. Keeps no record if the folder cannot be
+  // written. At most one object may exist at a time; it handles the signals SEGV, BUS, FPE, ILL and ABRT.
   explicit RunRecord(const std::string& folder);
-  ~RunRecord();  // stopped as it was asked to
+  ~RunRecord();  // records an orderly stop
   RunRecord(const RunRecord&) = delete;
   RunRecord& operator=(const RunRecord&) = delete;
 
   [[nodiscard]] const std::optional<LastRun>& last() const { return last_; }
   [[nodiscard]] bool is_safe_mode() const { return last_ && last_->crashes >= kSafeAfter; }
-  // Any thread; what a crash from now on says.
+  // Any thread. Stores the calibration that a later crash report names.
   static void note_calibration(uint32_t id);
   static void note_stuck(const char* thread);
-  // Of the calling thread, as a crash says it.
+  // Sets the name of the calling thread for crash reports.
   static void name_thread(const char* name);
 
  private:

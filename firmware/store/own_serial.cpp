@@ -31,7 +31,7 @@ std::string kept(const Storage& medium) {
 }
 
 Status keep(Storage& medium, const std::string& serial) {
-  (void)medium.remove(kTemporary);  // of a start that was cut short
+  (void)medium.remove(kTemporary);  // left by a start that was interrupted
   {
     auto file = medium.create(kTemporary, serial.size());
     if (!file) return file.error();

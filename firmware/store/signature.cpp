@@ -12,7 +12,7 @@ namespace ruffini {
 namespace {
 
 using PublicKey = std::array<uint8_t, crypto_sign_PUBLICKEYBYTES>;
-constexpr int kMostDigits = 2 * crypto_sign_PUBLICKEYBYTES + 1;  // read of a file: one more than a key has
+constexpr int kMaxDigits = 2 * crypto_sign_PUBLICKEYBYTES + 1;  // read limit: one more than a key has
 
 // Key pair of the published seed SHA-256("ruffini development key").
 PublicKey development_key() {
@@ -64,8 +64,8 @@ Result<KeyRing> KeyRing::load(const std::string& folder, bool accepts_developmen
   for (const auto& entry : std::filesystem::directory_iterator(folder, failed)) {
     if (entry.path().extension() != ".pub") continue;
     std::string digits;
-    std::error_code unknown;  // a pipe would be waited for
-    if (entry.is_regular_file(unknown)) std::ifstream(entry.path()) >> std::setw(kMostDigits) >> digits;
+    std::error_code unknown;  // opening a pipe would block
+    if (entry.is_regular_file(unknown)) std::ifstream(entry.path()) >> std::setw(kMaxDigits) >> digits;
     const std::optional<PublicKey> key = parse_key(digits);
     if (!key) {
       return Error{ErrorKind::kBadInput, entry.path().string() + ": no public key of 64 hexadecimal digits: enrol it " +
@@ -80,7 +80,7 @@ Result<KeyRing> KeyRing::load(const std::string& folder, bool accepts_developmen
   return ring;
 }
 
-bool KeyRing::is_of_enrolled(std::span<const uint8_t> message, std::span<const uint8_t> signature) const {
+bool KeyRing::is_signed_by_enrolled(std::span<const uint8_t> message, std::span<const uint8_t> signature) const {
   return sodium_init() >= 0 && std::any_of(enrolled_.begin(), enrolled_.end(),
                                            [&](const PublicKey& key) { return is_signed_by(key, message, signature); });
 }

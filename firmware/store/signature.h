@@ -1,5 +1,5 @@
-// Ed25519 verification of calibration files (libsodium). The public development key is built in: anybody can sign with it,
-// so an owner enrols keys of its own, as files on the device, and the development key counts no more.
+// Ed25519 verification of calibration files (libsodium). The public development key is built in; anybody can sign with
+// it. Once an owner enrols keys of their own, as files on the device, the development key is no longer accepted.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 
 namespace ruffini {
 
-// Who signed: the key's name, and whether it is the key that anybody can sign with.
+// The signing key: its name, and whether it is the public development key.
 struct Signer {
   std::string key_id;
   bool is_development_key = false;
@@ -21,19 +21,19 @@ struct Signer {
 
 class KeyRing {
  public:
-  // The development key alone.
+  // Accepts the development key only.
   KeyRing() = default;
-  // Every NAME.pub of a folder: a public key as 64 hexadecimal digits. With none of them, or where it is asked for, the
-  // development key counts, too. Errors: kBadInput with the file that is no key; kUnavailable.
+  // Reads every NAME.pub of a folder: a public key as 64 hexadecimal digits. The development key is accepted if there
+  // are none, or on request. Errors: kBadInput naming the file that is not a key; kUnavailable.
   [[nodiscard]] static Result<KeyRing> load(const std::string& folder, bool accepts_development_key);
 
-  // Errors: kRefused where the signature does not fit any key that this device knows.
+  // Returns kRefused if the signature matches no accepted key.
   [[nodiscard]] Result<Signer> verify(const Calibration& calibration) const;
-  // Whether one of the owners' keys, the development key not among them, made this signature of 64 bytes.
-  [[nodiscard]] bool is_of_enrolled(std::span<const uint8_t> message, std::span<const uint8_t> signature) const;
+  // True if one of the enrolled keys, not the development key, made this signature of 64 bytes.
+  [[nodiscard]] bool is_signed_by_enrolled(std::span<const uint8_t> message, std::span<const uint8_t> signature) const;
   [[nodiscard]] bool has_enrolled() const { return !enrolled_.empty(); }
   [[nodiscard]] std::vector<std::string> enrolled_ids() const;
-  // Then anybody can make a file that this device takes: STATUS says so.
+  // True if anybody can make a file that this device accepts; STATUS reports it.
   [[nodiscard]] bool accepts_development_key() const { return accepts_development_key_; }
 
  private:
@@ -42,7 +42,7 @@ class KeyRing {
   bool accepts_development_key_ = true;
 };
 
-// SHA-256 of a file.
+// SHA-256 digest of a file.
 [[nodiscard]] std::string sha256(std::span<const uint8_t> bytes);
 
 }  // namespace ruffini

@@ -16,7 +16,7 @@ constexpr std::string_view kEpoch = ".epoch-";
 constexpr std::string_view kSuffix = ".safetensors";
 constexpr char kIncoming[] = "incoming.tmp";
 constexpr char kTrial[] = "trial.safetensors";
-constexpr uint64_t kLast = UINT64_MAX - 1;  // so that one more can be counted
+constexpr uint64_t kLast = UINT64_MAX - 1;  // leaves room for one more
 
 using Slot = SlotStore::Slot;
 
@@ -25,7 +25,7 @@ std::string name_of(const Slot& slot) {
   return std::string(kPrefix) + std::to_string(slot.generation) + epoch + std::string(kSuffix);
 }
 
-// The numbers in a name that name_of() would write; nothing else is a calibration.
+// Parses the numbers of a name that name_of() would write; other files are not calibrations.
 std::optional<Slot> slot_of(const std::string& name) {
   if (name.size() <= kPrefix.size() + kSuffix.size() || name.compare(0, kPrefix.size(), kPrefix) != 0) return {};
   Slot slot;
@@ -36,7 +36,7 @@ std::optional<Slot> slot_of(const std::string& name) {
   return name_of(slot) == name && slot.generation <= kLast ? std::optional(slot) : std::nullopt;
 }
 
-// The highest that any of them carries, so that a file that follows cannot lower it.
+// Highest epoch of all files, so that a later file cannot lower it.
 uint32_t reached(const std::vector<Slot>& slots) {
   uint32_t epoch = 0;
   for (const Slot& slot : slots) epoch = std::max(epoch, slot.epoch);
@@ -45,16 +45,17 @@ uint32_t reached(const std::vector<Slot>& slots) {
 
 }  // namespace
 
-// A medium that cannot be written to, or not be read, is no reason not to start: what is in force there, if anything, is
-// in use, and what is to be said of it is said.
+// A medium that cannot be written or read does not prevent the start: the file in force, if any, is used, and the
+// problem is reported.
 SlotStore SlotStore::open(std::unique_ptr<Storage> medium) {
   SlotStore store(std::move(medium));
-  const Result<bool> cleared = store.remove_if_there(kIncoming);
+  const Result<bool> cleared = store.remove_if_present(kIncoming);
   const auto names = store.medium_->list();
-  store.has_lost_trial_ = names && std::find(names.value().begin(), names.value().end(), kTrial) != names.value().end();
-  const Result<bool> on_trial = store.remove_if_there(kTrial);
+  store.has_discarded_trial_ =
+      names && std::find(names.value().begin(), names.value().end(), kTrial) != names.value().end();
+  const Result<bool> on_trial = store.remove_if_present(kTrial);
   const Status writable = store.can_write();
-  // A rename whose sync failed before this start is seen, and a power cut would still take it back.
+  // A rename whose sync failed before this start is visible, but a power cut could still revert it.
   const Status durable = store.medium_->sync_folder();
   if (!writable) {
     store.problem_ = writable.error().message;
@@ -84,7 +85,7 @@ Result<uint32_t> SlotStore::epoch() const {
   return reached(found.value());
 }
 
-// The newest first.
+// Sorted, newest first.
 Result<std::vector<Slot>> SlotStore::slots() const {
   const auto names = medium_->list();
   if (!names) return names.error();
@@ -106,7 +107,7 @@ Result<std::vector<uint8_t>> SlotStore::load(size_t n) const {
   return Error{ErrorKind::kStorage, medium_->path(name) + ": is empty: the medium has lost what was written to it"};
 }
 
-// What comes into force next, after those that there are.
+// Returns the slot that follows the existing ones.
 Result<Slot> SlotStore::next_slot(const std::vector<Slot>& found, uint32_t epoch) const {
   const Slot next{found.empty() ? 1 : found.front().generation + 1, std::max(epoch, reached(found))};
   if (next.generation <= kLast) return next;
@@ -122,9 +123,9 @@ Status SlotStore::stage(std::span<const uint8_t> bytes) {
   Status done = write_checked(bytes);
   if (done) done = medium_->rename(kIncoming, kTrial);
   if (done) done = medium_->sync_folder();
-  if (!done) {  // the first error is the one to tell
-    (void)remove_if_there(kIncoming);
-    (void)remove_if_there(kTrial);
+  if (!done) {  // report the first error
+    (void)remove_if_present(kIncoming);
+    (void)remove_if_present(kTrial);
   }
   return done;
 }
@@ -136,14 +137,15 @@ Status SlotStore::confirm(uint32_t epoch, size_t before) {
   if (!next) return next.error();
   Status done = medium_->rename(kTrial, name_of(next.value()));
   if (done) done = medium_->sync_folder();
-  // Only now: until then a power cut may leave the file before this one in force.
+  // Only now: before this sync a power cut may leave the previous file in force.
   for (size_t i = 0; done && i < found.value().size(); ++i) {
-    if (i != before) (void)medium_->remove(name_of(found.value()[i]));  // what stays takes room, and goes the next time
+    // A file that remains only takes space, and is removed the next time
+    if (i != before) (void)medium_->remove(name_of(found.value()[i]));
   }
   return done;
 }
 
-// Not synced: a trial that comes back after a power cut is removed at start.
+// Not synced: a trial that reappears after a power cut is removed at start.
 Status SlotStore::reject() { return medium_->remove(kTrial); }
 
 Status SlotStore::undo(size_t n) {
@@ -156,14 +158,14 @@ Status SlotStore::undo(size_t n) {
   Status done = medium_->rename(before, undone);
   if (!done) return done;
   done = medium_->sync_folder();
-  // Not said to be done: the next undo must find it to do. What a power cut leaves, the next start says.
+  // Reports failure, so that the next undo repeats it. The next start reports the state after a power cut.
   if (!done) (void)medium_->rename(undone, before);
   return done;
 }
 
-// Writes the temporary file, and reads back from the medium what that kept.
+// Writes the temporary file and reads it back from the medium.
 Status SlotStore::write_checked(std::span<const uint8_t> bytes) {
-  const Result<bool> cleared = remove_if_there(kIncoming);
+  const Result<bool> cleared = remove_if_present(kIncoming);
   if (!cleared) return cleared.error();
   {
     auto file = medium_->create(kIncoming, bytes.size());
@@ -182,7 +184,7 @@ Status SlotStore::write_checked(std::span<const uint8_t> bytes) {
   return Unit{};
 }
 
-Result<bool> SlotStore::remove_if_there(const std::string& name) {
+Result<bool> SlotStore::remove_if_present(const std::string& name) {
   const auto names = medium_->list();
   if (!names) return names.error();
   if (std::find(names.value().begin(), names.value().end(), name) == names.value().end()) return false;

@@ -1,17 +1,18 @@
 // The calibrations on the medium, by generation:
 //
 //   calibration-7.safetensors   in force: the highest number
-//   calibration-6.safetensors   what was in force before; lower ones go
-//   trial.safetensors           a new one that has yet to show that it measures; removed at start, so a restart goes back
-//   incoming.tmp                an upload that is not finished; removed at start
+//   calibration-6.safetensors   previously in force; lower ones are removed
+//   trial.safetensors           a new one that has not proved itself; removed at start, so a restart reverts to the old
+//                               one
+//   incoming.tmp                an incomplete upload; removed at start
 //
-// calibration-8.epoch-2.safetensors: from then on no file of a lower security epoch counts. The name carries it, so that
-// the rename that puts a file in force raises the epoch, or does neither.
+// calibration-8.epoch-2.safetensors: from then on files of a lower security epoch are refused. The epoch is part of the
+// name, so that the rename that puts a file in force also raises the epoch, atomically.
 //
-// One rename decides. stage() makes the trial of a temporary file that is synced and read back from the medium,
-// confirm() gives it the next number; an undo gives that to the file before. So there is no record beside the names that
-// could contradict them, and after any power cut the old or the new file is in force, whole:
-// tests/cpp/store/crash_states_test.cpp visits every state that store/storage.h allows. Link thread only.
+// Every transition is one rename. stage() turns a temporary file that is synced and read back from the medium into the
+// trial, confirm() gives it the next number, and an undo gives the next number to the file before. No record beside the
+// names could contradict them, and after any power cut the old or the new file is in force, complete:
+// tests/cpp/store/crash_states_test.cpp visits every state that store/storage.h permits. Link thread only.
 #pragma once
 
 #include <compare>
@@ -28,7 +29,7 @@ namespace ruffini {
 
 class SlotStore {
  public:
-  // A file in force: by its name.
+  // A file in force, identified by its name.
   struct Slot {
     uint64_t generation = 0;
     uint32_t epoch = 0;
@@ -36,27 +37,27 @@ class SlotStore {
   };
 
   [[nodiscard]] static SlotStore open(std::unique_ptr<Storage> medium);
-  // A folder, created where it is missing. Errors: kStorage with path and remedy.
+  // Opens a folder, and creates it if it is missing. Errors: kStorage with path and remedy.
   [[nodiscard]] static Result<SlotStore> open(const std::string& folder);
 
-  // The n-th newest file; an empty vector where there are not so many. Errors: kStorage, also of a file without content.
+  // Returns the n-th newest file; an empty vector if there are fewer. Errors: kStorage, also for an empty file.
   [[nodiscard]] Result<std::vector<uint8_t>> load(size_t n = 0) const;
-  // Puts `bytes` on trial, durably; what is in force stays so. In the place of another one on trial.
+  // Puts `bytes` on trial, durably, replacing another trial. The file in force stays.
   [[nodiscard]] Status stage(std::span<const uint8_t> bytes);
-  // What is on trial is in force from now on, durably, and with it its security epoch. Of the other files only the
-  // `before`-th newest stays, what an undo goes back to. Precondition: there is one on trial.
+  // Puts the trial and its security epoch in force, durably. Of the other files only the `before`-th newest remains,
+  // for an undo. Precondition: there is a trial.
   [[nodiscard]] Status confirm(uint32_t epoch = 0, size_t before = 0);
-  // Ends the trial; what is in force stays so. Precondition: there is one.
+  // Ends the trial; the file in force stays. Precondition: there is a trial.
   [[nodiscard]] Status reject();
-  // When the store was opened it found a trial that had not ended, and removed it.
-  [[nodiscard]] bool has_lost_trial() const { return has_lost_trial_; }
-  // Puts the n-th newest file in force, durably; once more takes that back. Precondition: there is one.
+  // True if open() found an unfinished trial and removed it.
+  [[nodiscard]] bool has_discarded_trial() const { return has_discarded_trial_; }
+  // Puts the n-th newest file in force, durably. A second call reverts the first. Precondition: there is such a file.
   [[nodiscard]] Status undo(size_t n = 1);
-  // The security epoch that was reached; it never falls.
+  // Highest security epoch reached; it never decreases.
   [[nodiscard]] Result<uint32_t> epoch() const;
-  // Whether a flash could be kept; else why not.
+  // Succeeds if a flash could be stored; otherwise returns the reason.
   [[nodiscard]] Status can_write() const;
-  // What was wrong with the medium at open(); empty: nothing.
+  // Problem of the medium found by open(); empty: none.
   [[nodiscard]] const std::string& problem() const { return problem_; }
 
  private:
@@ -64,11 +65,11 @@ class SlotStore {
   [[nodiscard]] Result<std::vector<Slot>> slots() const;
   [[nodiscard]] Result<Slot> next_slot(const std::vector<Slot>& found, uint32_t epoch) const;
   [[nodiscard]] Status write_checked(std::span<const uint8_t> bytes);
-  // Whether it was there.
-  [[nodiscard]] Result<bool> remove_if_there(const std::string& name);
+  // Returns whether it was present.
+  [[nodiscard]] Result<bool> remove_if_present(const std::string& name);
 
   std::unique_ptr<Storage> medium_;
-  bool has_lost_trial_ = false;
+  bool has_discarded_trial_ = false;
   std::string problem_;
 };
 

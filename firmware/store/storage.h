@@ -1,10 +1,11 @@
-// The medium below the calibration store: one folder of plain files, with the calls whose meaning at a power cut is known.
+// The medium below the calibration store: one folder of plain files, with operations whose effect of a power cut is
+// defined.
 //
-//   write, create   nothing is certain of the content before sync(): any part of it may be there, or other bytes
-//   rename, remove  happen as a whole or not at all, in their order; certain after sync_folder()
-//   sync            the content is on the medium; after an error the file is worth nothing: remove it
+//   write, create   before sync() the content is undefined: any part of it may be stored, or other bytes
+//   rename, remove  are atomic and ordered; durable after sync_folder()
+//   sync            makes the content durable; after an error the file is unusable: remove it
 //
-// tests/cpp/support/crash_medium.h is that sentence as a model. Link thread only.
+// tests/cpp/support/crash_medium.h models exactly these rules. Link thread only.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +18,7 @@
 
 namespace ruffini {
 
-// A file that is being written. Its end closes it.
+// A file being written. The destructor closes it.
 class NewFile {
  public:
   NewFile() = default;
@@ -28,7 +29,7 @@ class NewFile {
   [[nodiscard]] virtual Status sync() = 0;
 };
 
-// Where read() has its bytes from: the page cache will do, or only what the medium kept.
+// Source of read(): the page cache is sufficient, or the bytes must come from the medium.
 enum class ReadFrom { kAnywhere, kMedium };
 
 // Errors: kStorage, with the path and what to do.
@@ -38,19 +39,19 @@ class Storage {
   Storage(const Storage&) = delete;
   Storage& operator=(const Storage&) = delete;
   virtual ~Storage() = default;
-  // Names of all that is in the folder, in no order.
+  // Names of all entries of the folder, in any order.
   [[nodiscard]] virtual Result<std::vector<std::string>> list() const = 0;
-  // The whole file; refuses what is not a plain file.
+  // Reads the whole file; refuses anything but a plain file.
   [[nodiscard]] virtual Result<std::vector<uint8_t>> read(const std::string& name, ReadFrom from) const = 0;
-  // A new file with room for so many bytes; refuses a name that is there.
+  // Creates a file with room for n_bytes; refuses an existing name.
   [[nodiscard]] virtual Result<std::unique_ptr<NewFile>> create(const std::string& name, size_t n_bytes) = 0;
-  // In the place of what had the new name.
+  // Replaces the file that has the new name.
   [[nodiscard]] virtual Status rename(const std::string& from, const std::string& to) = 0;
   [[nodiscard]] virtual Status remove(const std::string& name) = 0;
   [[nodiscard]] virtual Status sync_folder() = 0;
-  // Whether names can be made and removed there, as far as can be told without doing so.
+  // Succeeds if names can be created and removed, as far as can be checked without doing so.
   [[nodiscard]] virtual Status can_write() const { return Unit{}; }
-  // For messages.
+  // Full path for messages.
   [[nodiscard]] virtual std::string path(const std::string& name) const = 0;
 };
 

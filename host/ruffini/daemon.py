@@ -22,9 +22,10 @@ ERRORS = {error.exit_code: error for error in (InputError, NoDeviceError, Refuse
 
 
 def find_daemon() -> Path:
-    """The ruffinid binary: RUFFINI_DAEMON, the build tree, or the PATH."""
+    """The ruffinid binary: RUFFINI_DAEMON, the wheel's, the build tree's, or the PATH."""
     candidates = [
         os.environ.get("RUFFINI_DAEMON"),
+        str(native_folder() / "ruffinid"),  # of a wheel
         str(native_folder().parent / "ruffinid"),
         shutil.which("ruffinid"),
     ]
@@ -40,6 +41,11 @@ class Daemon:
     def __init__(self, process: subprocess.Popen[str], log: IO[str], port: str) -> None:
         self.port = port
         self._process, self._log = process, log
+
+    @property
+    def pid(self) -> int:
+        """Of its process."""
+        return self._process.pid
 
     def has_ended(self) -> bool:
         """Whether it runs no more."""

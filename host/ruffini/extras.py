@@ -8,6 +8,7 @@ EXTRAS = {
     "fleet": ("distributed>=2024.5",),
     "parquet": ("pyarrow>=15",),
     "rerun": ("rerun-sdk>=0.24",),
+    "robot": ("gymnasium>=1.0", "mujoco>=3.3,<4"),
     "ros": ("eclipse-zenoh>=1.0", "rosbags>=0.10"),
     "train": ("onnx>=1.16", "onnxscript>=0.3", "torch>=2.6"),
 }

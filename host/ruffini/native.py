@@ -33,9 +33,19 @@ def library() -> ctypes.CDLL:
     path = native_folder() / "libruffini.so"
     try:
         loaded = ctypes.CDLL(str(path))
-        for name in ("ruffini_error", "ruffini_version", "ruffini_board_json", "ruffini_stage_name"):
-            getattr(loaded, name).restype = ctypes.c_char_p
+        for name in ("error", "version", "board_json", "stage_name", "stage_writes"):
+            getattr(loaded, f"ruffini_{name}").restype = ctypes.c_char_p
         loaded.ruffini_open.restype = loaded.ruffini_wrench_open.restype = ctypes.c_void_p
     except (OSError, AttributeError) as error:
         raise RuffiniError(f"{path} cannot be used on this machine: {error}: run `make build`") from error
     return loaded
+
+
+@cache
+def stage_slots() -> dict[str, frozenset[str]]:
+    """The stages that a board may list, in their order, and the slots that each writes."""
+    core = library()
+    return {
+        core.ruffini_stage_name(i).decode(): frozenset(core.ruffini_stage_writes(i).decode().split())
+        for i in range(core.ruffini_stage_count())
+    }

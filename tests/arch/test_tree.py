@@ -57,6 +57,23 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         "import cycle",
     ),
     (tree_gates.board_names, {"boards/toy/board.toml": "", "firmware/a.cpp": 'if (board == "toy") {}\n'}, "'toy'"),
+    (
+        tree_gates.stage_names,
+        {
+            "firmware/core/stages.cpp": '{.name = "skin", .reads = {}',
+            "host/ruffini/rig/a.py": 'def f(board):\n    return "skin" in board.pipeline.stages\n',
+            "host/ruffini/estimators/skin/stage.py": 'def f(board):\n    return "skin" in board.pipeline.stages\n',
+        },
+        "host/ruffini/rig/a.py:2 tests for the stage 'skin'",
+    ),
+    (
+        tree_gates.stage_names,
+        {
+            "firmware/core/stages.cpp": '{.name = "skin", .reads = {}',
+            "host/ruffini/cli/a.py": 'def f(stages):\n    return {"skin"}.isdisjoint(stages)\n',
+        },
+        "host/ruffini/cli/a.py:2 tests for the stage 'skin'",
+    ),
     (tree_gates.test_module_names, {"tests/a/test_x.py": "", "tests/b/test_x.py": ""}, "of its own"),
     (tree_gates.workplace_paths, {"tests/a.py": 'open("/wo' + 'rk/main/x")\n'}, "workplace"),
     (tree_gates.generated_files, {"host/ruffini/ruffini_pb2.py": ""}, "generated"),
@@ -92,6 +109,8 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         },
         "host/ruffini/ros/a.py reads 'force_x_un' of a message",
     ),
+    (tree_gates.plain_words, {"a.md": "How sure it is.\n"}, "write uncertainty"),
+    (tree_gates.whole_tables, {"a.md": "| a |\n| --- |\n| b |\n\n| c |\n"}, "a.md:5"),
 ]
 GATES: list[Gate] = list(dict.fromkeys(gate for gate, _, _ in PLANTED))
 

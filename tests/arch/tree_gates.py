@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import subprocess
 import tomllib
@@ -195,12 +196,16 @@ def missing_includes(root: Path) -> list[str]:
     return found
 
 
-def _imports(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(_text(path))):
+@functools.cache
+def _imports(text: str) -> tuple[str, ...]:
+    """What a source imports, in its order."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
+    return tuple(names)
 
 
 def host_layers(root: Path) -> list[str]:
@@ -209,7 +214,7 @@ def host_layers(root: Path) -> list[str]:
     for path in _sources(root, *HOST_ROOTS):
         top = path.relative_to(root / "host").parts[0]
         is_method = top == "papers" and path.name == "method.py"  # a reference that ours is judged by
-        for name in _imports(path):
+        for name in _imports(_text(path)):
             if top == "ruffini" and name.partition(".")[0] == "papers":
                 found.append(f"{path.relative_to(root)} imports {name}: the product must not know host/papers")
             if is_method and name.partition(".")[0] == "ruffini":
@@ -217,7 +222,7 @@ def host_layers(root: Path) -> list[str]:
     for path in _sources(root, "host/ruffini/"):
         parts = path.relative_to(root / "host" / "ruffini").parts
         package = parts[1] if parts[:2] == ("calibrate", "auto") else parts[0]  # `cal auto` plays all of them
-        for name in _imports(path):
+        for name in _imports(_text(path)):
             parts = name.split(".")
             if parts[0] == "ruffini" and len(parts) > 1 and parts[1] in HOST_MUST_NOT_IMPORT.get(package, set()):
                 found.append(f"{path.relative_to(root)} imports {name}: {package} must not know {parts[1]}")
@@ -239,7 +244,7 @@ def import_cycles(root: Path) -> list[str]:
     paths = {_module(root, path): path for path in _sources(root, *HOST_ROOTS)}
     graph: dict[str, set[str]] = {}
     for module, path in paths.items():
-        named = {name if name in paths else name.rpartition(".")[0] for name in _imports(path)}
+        named = {name if name in paths else name.rpartition(".")[0] for name in _imports(_text(path))}
         graph[module] = (named & paths.keys()) - {module}
     try:
         tuple(TopologicalSorter(graph).static_order())
@@ -315,6 +320,34 @@ def seeded_bugs(root: Path) -> list[str]:
     ]
 
 
+def stage_names(root: Path) -> list[str]:
+    """No module of the host outside estimators/ compares stages of a board or kinds of a calibration with a name."""
+    tables = [root / "firmware/core/stages.cpp", root / "host/ruffini/calibrate/container.py"]
+    text = "".join(_text(path) for path in tables if path.is_file())
+    names = set(re.findall(r'\.name = "(\w+)"|^    "(\w+)",$', text, re.M))
+    known = {name for pair in names for name in pair if name}
+    found = []
+    for path in _sources(root, "host/ruffini/"):
+        if path.suffix != ".py" or path.is_relative_to(root / "host/ruffini/estimators"):
+            continue
+        for node in ast.walk(ast.parse(_text(path))):
+            if not isinstance(node, ast.Compare | ast.BinOp | ast.Call):
+                continue
+            inner = [*ast.walk(node)]
+            words = {n.value for n in inner if isinstance(n, ast.Constant) and isinstance(n.value, str)} & known
+            asked = {n.attr for n in inner if isinstance(n, ast.Attribute)}
+            asked |= {n.id for n in inner if isinstance(n, ast.Name)}
+            is_call = isinstance(node, ast.Call)
+            is_test = not is_call or getattr(node.func, "attr", "") in {"isdisjoint", "issubset", "issuperset", "count"}
+            if is_test and words and asked & {"stages", "kinds", "stage"}:
+                word = sorted(words)[0]
+                found.append(
+                    f"{path.relative_to(root)}:{node.lineno} tests for the stage {word!r}: ask the board for a slot "
+                    "(Board.writes), or the estimators (ruffini.estimators.table)"
+                )
+    return found
+
+
 STAGE_ROW = re.compile(
     r'\.name = "(?P<name>\w+)",\s*\.reads = \{(?P<reads>[^}]*)\},\s*\.reads_if_written = \{(?P<optional>[^}]*)\},\s*'
     r"(?:\.needs_one = true,\s*)?\.writes = \{(?P<writes>[^}]*)\},\s*\.amends = \{(?P<amends>[^}]*)\},\s*"
@@ -379,4 +412,50 @@ def raw_results(root: Path) -> list[str]:
             for node in ast.walk(tree)
             if isinstance(node, ast.Attribute) and node.attr in refused
         ]
+    return found
+
+
+# Phrases that make a reader stop, each with what to write; grown from reviews.
+AVOIDED = {
+    r"how sure": "uncertainty, confidence, quality",
+    r"\bdoubtful": "low-confidence",
+    r"\blent\b": "forwarded, borrowed",
+    r"\b(?:is|are|was|be|not) told\b": "is reported, measured, distinguished",
+    r"\bwhat is left\b": "the residual, the rest",
+    r"\bby itself\b": "automatically, alone",
+    r"\bwhom\b": "the noun that is meant",
+    r"\bverdict": "validity, result",
+    r"\bgraded\b": "quality",
+    r"\bfor who (?:has|wants|asks)\b": "for users who",
+    r"\bwhat (?:it|its results|they) (?:is|are) worth\b": "validity and flags",
+}
+DIVIDER = re.compile(r"\s*\|[ :|-]+\|$")
+
+
+def _texts(root: Path) -> list[Path]:
+    return [path for path in tracked(root) if path.suffix == ".md"]
+
+
+def plain_words(root: Path) -> list[str]:
+    """The texts avoid the phrases of AVOIDED."""
+    return [
+        f"{path.relative_to(root)}:{number}: {match[0]!r}: write {better}"
+        for path in _texts(root)
+        for number, line in enumerate(_text(path).splitlines(), 1)
+        for phrase, better in AVOIDED.items()
+        if (match := re.search(phrase, line, re.I))
+    ]
+
+
+def whole_tables(root: Path) -> list[str]:
+    """Each table has a heading, and no blank line inside, which would end it."""
+    found = []
+    for path in _texts(root):
+        lines = re.sub(r"^ *```.*?^ *```$", lambda m: "\n" * m[0].count("\n"), _text(path), flags=re.M | re.S).split(
+            "\n"
+        )
+        for i, line in enumerate(lines):
+            is_first = re.match(r" {0,3}\|", line) and not (i and re.match(r" *\|", lines[i - 1]))
+            if is_first and not DIVIDER.match("".join(lines[i + 1 : i + 2])):
+                found.append(f"{path.relative_to(root)}:{i + 1}: a row without a table: remove the blank line above it")
     return found

@@ -48,7 +48,7 @@ std::vector<uint64_t> residual(FramePath& path, MessageEncoder& encoder, const I
   for (int i = 0; i < kResiduals; ++i) {
     path.process(input.view(input.pressed));
     const uint64_t start = now_ns();
-    path.find_residual();
+    path.compute_residual();
     encoder.encode(ruffini_MessageType_MESSAGE_TYPE_RESIDUAL, path, input.view(input.pressed), {},
                    [](ruffini_MessageType, std::span<const uint8_t>) {});
     ns.push_back(now_ns() - start);

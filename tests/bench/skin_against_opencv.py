@@ -19,14 +19,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board, find_board
+from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.core import Pipeline
-from ruffini.estimators.skin.fit import paper_file
 from ruffini.estimators.skin.openings import TubeView
 from ruffini.sim.indenters import Indenter
 from ruffini.sim.pose import Pose
 from ruffini.sim.units import build_unit
 
 Picture = npt.NDArray[np.uint8]
+CURVE_STEP_Q2, CURVE_SIZE = 16, 513  # of firmware/stages/skin/skin_image.h
+PLACE_STEP_LOG2 = 2
+MAX_PLACE_UM = 1_000_000
 N_TURNS = 200
 LEVEL = 40
 TOUCH = Pose(-36e-3, 5e-3, 3e-3)
@@ -45,6 +48,19 @@ def pictures(board: Board) -> list[Picture]:
             rig.advance(Pose(TOUCH.x_m, TOUCH.y_m, part * TOUCH.depth_m))
         made.append(renderer.image(rig.displacement, rng))
     return made
+
+
+def paper_file(board: Board, view: TubeView, curve: npt.NDArray[np.float64]) -> CalibrationFile:
+    """The calibration of the paper's own method: eq. (3) and F(I) = curve[0] I^2 + curve[1] I + curve[2], N."""
+    height, width = board.camera.height_px, board.camera.width_px
+    lines = [np.arange(((n - 2) >> PLACE_STEP_LOG2) + 2) * (1 << PLACE_STEP_LOG2) for n in (width, height)]
+    x, y = np.meshgrid(*lines)
+    place_um = view.unproject(np.column_stack([x.ravel(), y.ravel()]).astype(float)) * 1e3
+    limited = np.clip(np.round(place_um), -MAX_PLACE_UM, MAX_PLACE_UM).astype(np.int32)
+    level = np.arange(CURVE_SIZE) * CURVE_STEP_Q2 / 4
+    force_un = np.clip(np.round(np.polyval(curve, level) * 1e6), 0, 1e9).astype(np.int32)
+    tensors = {"skin.place": limited.reshape(*x.shape, 2), "skin.curve": force_un}
+    return pack(tensors, {**base_metadata(board), "skin.step_log2": str(PLACE_STEP_LOG2)})
 
 
 def opencv(picture: Picture, initial: Picture) -> object:

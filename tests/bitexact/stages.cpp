@@ -343,7 +343,7 @@ int stages_camera_moved(int n_x, int n_y, const int32_t* residual, const uint8_t
   std::vector<int32_t> at_sides;
   for (const uint32_t j : motion.unknowns()) at_sides.push_back(residual[j]);
   const Wrench wrench{.force_x_un = force_un[0], .force_y_un = force_un[1], .force_z_un = force_un[2]};
-  return motion.is_moved(at_sides, {mask, static_cast<size_t>(size.count())}, wrench) ? 1 : 0;
+  return motion.has_moved(at_sides, {mask, static_cast<size_t>(size.count())}, wrench) ? 1 : 0;
 }
 
 // `out`: shift x, y (px Q16), turn, zoom (Q20) that the corners have in common, and whether that counts as moved; -1 where

@@ -55,10 +55,16 @@ def learn(path: Pipeline) -> None:
         path.process(frame(0, 0, 0))
 
 
+@cache
+def pairs() -> npt.NDArray[np.int64]:
+    """Markers of both eyes that are one pin."""
+    return Eyes.of(BOARD, BASELINE_MM).pairs(*rest_markers()[0])
+
+
 def tensors(rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
     """Tables of a plausible size; the pins are the unit's own, in any order."""
     rest, eyes = rest_markers()[0], Eyes.of(BOARD, BASELINE_MM)
-    left, right = rng.permutation(eyes.pairs(*rest))[:280].T
+    left, right = rng.permutation(pairs())[:280].T
     pins = np.stack([rest[0, left], rest[1, right]])
     flat = (pins[0] - [159.5, 119.5]) / 140
     normal = np.column_stack([flat, np.sqrt(1 - (flat**2).sum(axis=1))])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import numpy.typing as npt
 from mirror.light import Light, relative_change, rest_image
@@ -20,13 +22,18 @@ NO_MARKERS = np.zeros((0, 6), np.int64)
 Array = npt.NDArray[np.float64]
 
 
+@functools.cache
+def drift_shape() -> Array:
+    v, u = np.meshgrid(np.linspace(-1, 1, HEIGHT), np.linspace(-1, 1, WIDTH), indexing="ij")
+    return np.stack([1 + u, -0.5 + u * v + 0.5 * v**3, 0.3 - u**4 + 0.5 * u**2], axis=-1)
+
+
 def drift(t: float) -> Array:
     """Relative change of the light of each channel (h, w, 3): straight, bent and mixed over the picture."""
-    v, u = np.meshgrid(np.linspace(-1, 1, HEIGHT), np.linspace(-1, 1, WIDTH), indexing="ij")
-    shape = [1 + u, -0.5 + u * v + 0.5 * v**3, 0.3 - u**4 + 0.5 * u**2]
-    return np.asarray(t * np.stack(shape, axis=-1))
+    return np.asarray(t * drift_shape())
 
 
+@functools.cache
 def pressed() -> Array:
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     dent = 0.3 * np.exp(-((x - 90.0) ** 2 + (y - 70.0) ** 2) / 900)
@@ -77,6 +84,7 @@ def test_uneven_drift_is_followed_bit_for_bit_and_a_contact_is_not_learned() -> 
     assert n_off > 16
 
 
+@functools.cache
 def dots(moved_px: float) -> Array:
     """Share of the light that the board's printed dots leave, (h, w, 1)."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -84,6 +92,7 @@ def dots(moved_px: float) -> Array:
     return np.asarray(1 - 0.6 * np.clip(3 - distance, 0, 1))[..., None]
 
 
+@functools.cache
 def failed() -> Array:
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     return np.asarray(-0.1 * np.exp(-((x - 150) ** 2 + (y - 60) ** 2) / 1500)[..., None] * [0, 0, 1])

@@ -33,13 +33,15 @@ def test_the_flag_is_the_mirrors() -> None:
         (markers.first_x_um + np.arange(markers.n_x) * markers.pitch_x_um - board.pad.size_x_um / 2) * px_per_um,
         (markers.first_y_um + np.arange(markers.n_y) * markers.pitch_y_um - board.pad.size_y_um / 2) * px_per_um,
     ), axis=-1).reshape(-1, 2) + np.array([camera.center_x_mpx, camera.center_y_mpx]) / 1e3  # fmt: skip
-    y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
+    reach_px = markers.diameter_um / 2 * px_per_um + 0.5
 
     def picture(places: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
-        level = np.full(x.shape, 120.0)
-        for place in places:
-            distance = np.hypot(x - place[0], y - place[1])
-            level *= 1 - 0.6 * np.clip(markers.diameter_um / 2 * px_per_um + 0.5 - distance, 0, 1)
+        level = np.full((camera.height_px, camera.width_px), 120.0)
+        for at_x, at_y in places:
+            first_x, first_y = (max(int(at - reach_px), 0) for at in (at_x, at_y))
+            seen = level[first_y : max(int(at_y + reach_px) + 1, 0), first_x : max(int(at_x + reach_px) + 1, 0)]
+            y, x = np.mgrid[: seen.shape[0], : seen.shape[1]]
+            seen *= 1 - 0.6 * np.clip(reach_px - np.hypot(x + first_x - at_x, y + first_y - at_y), 0, 1)
         noisy = level[..., None] + rng.normal(0, 0.7, (*level.shape, 3))
         return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 

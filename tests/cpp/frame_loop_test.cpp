@@ -208,11 +208,11 @@ Kernel run_daemon(uint64_t n_frames, bool plants) {
   SystemRandom random;
   auto daemon = std::make_unique<Daemon>(
       scene.board, std::move(path).value(),
-      Surroundings{.clock = clock,
-                   .random = random,
-                   .camera = std::make_unique<SlowCamera>(scene, exchange, n_frames),
-                   .link = std::move(port),
-                   .io = std::make_unique<Thermometer>("")},
+      DaemonDevices{.clock = clock,
+                    .random = random,
+                    .camera = std::make_unique<SlowCamera>(scene, exchange, n_frames),
+                    .link = std::move(port),
+                    .io = std::make_unique<Thermometer>("")},
       calibrator, exchange, DeviceIdentity{.serial = "0000", .version = "test", .stream_flags = kSimulated},
       DaemonOptions{});
   mailbox_begin = reinterpret_cast<uintptr_t>(daemon.get());

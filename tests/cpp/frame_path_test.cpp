@@ -77,11 +77,11 @@ TEST(FramePath, AStartThatNobodyCanCompareIsUnverifiedUntilSomebodyZeroes) {
   sensor.path->expect_rest({});
   sensor.learn();
   EXPECT_TRUE(sensor.show_dots(0).flags & kFlagRestUnverified);
-  EXPECT_EQ(sensor.path->rest_watch().n_known, 0U);
+  EXPECT_EQ(sensor.path->rest_watch().n_accepted, 0U);
   sensor.path->zero(2);
   for (int i = 0; i < 2; ++i) sensor.show_dots(0);
   EXPECT_FALSE(sensor.show_dots(0).flags & (kFlagRestUnverified | kFlagNoReference));
-  EXPECT_EQ(sensor.path->rest_watch().n_known, 1U);
+  EXPECT_EQ(sensor.path->rest_watch().n_accepted, 1U);
 }
 
 TEST(FramePath, AZeroThatIsGivenUpLeavesTheOldOne) {
@@ -92,7 +92,7 @@ TEST(FramePath, AZeroThatIsGivenUpLeavesTheOldOne) {
   sensor.path->zero(3);
   EXPECT_TRUE(sensor.show_dots(2).flags & kFlagNoReference);
   EXPECT_TRUE(sensor.path->is_zeroing());
-  sensor.path->give_up_zero();
+  sensor.path->cancel_zero();
   EXPECT_FALSE(sensor.path->is_zeroing());
   const FrameState& s = sensor.show_dots(2);
   EXPECT_FALSE(s.flags & kFlagNoReference);
@@ -286,7 +286,7 @@ TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
     EXPECT_NEAR(static_cast<double>(s.wrench.sum.force_z_un), static_cast<double>(pressed), 1'000);
     for (int i = 0; i < sensor.board.n_rest_frames; ++i) (void)sensor.still();
     EXPECT_FALSE(sensor.press(-1).flags & kFlagRestUnverified) << "untouched it reads zero: it was a load";
-    return std::pair{sensor.path->rest_watch().n_refused, sensor.path->rest_watch().n_known};
+    return std::pair{sensor.path->rest_watch().n_refused, sensor.path->rest_watch().n_accepted};
   };
   EXPECT_EQ(start(false), (std::pair{0U, 1U}));
   EXPECT_EQ(start(true), (std::pair{1U, 0U})) << "under a load: the rest of before stays";
@@ -294,7 +294,7 @@ TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
   dark.path->expect_rest(before.path->rest_image());
   for (int i = 0; i < dark.board.n_rest_frames; ++i) dark.show_level(5);
   EXPECT_TRUE(dark.still().flags & kFlagRestUnverified);
-  EXPECT_EQ(dark.path->rest_watch().n_known, 0U);
+  EXPECT_EQ(dark.path->rest_watch().n_accepted, 0U);
 }
 
 TEST(FramePath, ANewRestForgetsWhatThePadWentThrough) {

@@ -130,11 +130,11 @@ Outcome run_daemon(const test::Scene& scene, bool plants, const NetworkLoader& n
   Outcome out;
   auto daemon = std::make_unique<Daemon>(
       board, std::move(path).value(),
-      Surroundings{.clock = clock,
-                   .random = random,
-                   .camera = std::make_unique<DrawnCamera>(scene),
-                   .link = std::move(port),
-                   .io = std::make_unique<Thermometer>("")},
+      DaemonDevices{.clock = clock,
+                    .random = random,
+                    .camera = std::make_unique<DrawnCamera>(scene),
+                    .link = std::move(port),
+                    .io = std::make_unique<Thermometer>("")},
       calibrator, exchange,
       DeviceIdentity{.serial = "0000", .version = "test", .stream_flags = kSimulated, .is_lossless = true},
       DaemonOptions{.is_lockstep = true, .network = network});
@@ -209,7 +209,7 @@ TEST(FrameThread, AllocatesNothingWithAContactModelAndItsDepthMap) {
 // Allocates as OpenCV does, in its own thread.
 class Allocating : public Network {
  public:
-  bool look(const FrameView& frame, std::span<float> out) override {
+  bool infer(const FrameView& frame, std::span<float> out) override {
     const std::vector<float> all(frame.data, frame.data + frame.stride * frame.height);
     out[0] = all.back();
     return true;

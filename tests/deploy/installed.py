@@ -2,6 +2,7 @@
 
     python3 tests/deploy/installed.py device    ruffinid of a Debian package
     python3 tests/deploy/installed.py host      ruffini of a Debian package or a wheel, with the Python that it is for
+    python3 tests/deploy/installed.py live      ruffini live on a video, with the ruffinid of a wheel
     python3 tests/deploy/installed.py plugin    LeRobot's plugin beside the host tool, without LeRobot
     python3 tests/deploy/installed.py both      the two talking over a pseudo-terminal
 
@@ -13,16 +14,19 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import signal
 import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
 from pathlib import Path
 
 SOURCE = Path(__file__).parents[2]
 DEPLOY = SOURCE / "firmware" / "deploy"
 NOT_INSTALLED = {"packages.cmake", "ruffini"}  # the rules of the packages; the host tool's starter
-LIBRARIES = ["/usr/bin/ruffinid", "/usr/lib/ruffini/libruffini_infer.so"]
+LIBRARIES = ["/usr/bin/ruffinid", *(f"/usr/lib/ruffini/libruffini_{name}.so" for name in ("infer", "pictures"))]
 
 
 def run(*command: str, code: int | None = 0, timeout: float = 120) -> str:
@@ -90,6 +94,73 @@ def host() -> None:
     print(f"ruffini {ruffini.__version__}: {n} files, library, schema, page, boards")
 
 
+def live() -> None:
+    """`ruffini live` on a video, with the ruffinid that came with the package: a force field on the line."""
+    import cv2
+    import numpy as np
+
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.daemon import find_daemon
+    from ruffini.demo.calibration import NOISE_WITHOUT_DEPTH
+    from ruffini.estimators.operator.fit import make_operator
+    from ruffini.native import native_folder
+
+    need(find_daemon().parent == native_folder(), f"ruffinid is {find_daemon()}, not the package's own")
+    board = find_board("gelsight-mini")
+    c, m = board.camera, board.markers
+    kind = make_operator(board, method="optimal", noise=NOISE_WITHOUT_DEPTH)
+    with tempfile.TemporaryDirectory() as folder:
+        calibration, video = Path(folder) / "calibration.safetensors", Path(folder) / "dots.avi"
+        container.write(calibration, container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}))
+        writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (c.width_px, c.height_px))
+        per_um = c.focal_mpx / 1e3 / c.standoff_um
+        for frame in range(100):  # untouched, then pushed to the right
+            picture = np.full((c.height_px, c.width_px, 3), 150, np.uint8)
+            push_px = max(0, min(frame - 50, 20)) * 0.2
+            for column in range(m.n_x):
+                for row in range(m.n_y):
+                    x = (m.first_x_um + column * m.pitch_x_um - board.pad.size_x_um / 2) * per_um + c.center_x_mpx / 1e3
+                    y = (m.first_y_um + row * m.pitch_y_um - board.pad.size_y_um / 2) * per_um + c.center_y_mpx / 1e3
+                    at = round(16 * (x + push_px)), round(16 * y)  # to a sixteenth of a pixel
+                    cv2.circle(picture, at, round(8 * m.diameter_um * per_um), (50, 50, 50), -1, cv2.LINE_AA, shift=4)
+            writer.write(picture)
+        writer.release()
+        words = ["live", "--camera", str(video), "--board", board.name, "--no-browser", "--http-port", "0", "--json"]
+        tool = str(Path(sys.executable).with_name("ruffini"))
+        store = {**os.environ, "XDG_STATE_HOME": folder}
+        with subprocess.Popen([tool, *words], env=store, stdout=subprocess.PIPE, text=True) as process:
+            try:
+                address = json.loads(process.stdout.readline())["address"]
+                with urllib.request.urlopen(f"{address.rstrip('/')}/lines.json", timeout=20) as answer:
+                    (line,) = json.load(answer)
+                need(Path(line["port"]).exists(), f"ruffini live: no line at {line}")
+            finally:
+                process.send_signal(signal.SIGINT)
+        need(process.returncode == 0, f"ruffini live ended with {process.returncode}")
+        field_of(board, video, calibration.read_bytes())
+
+
+def field_of(board: object, video: Path, calibration: bytes) -> None:
+    import numpy as np
+
+    from ruffini.device import Connection, Field
+    from ruffini.live.unit import of_recording, running_unit
+
+    os.environ["XDG_STATE_HOME"] = str(video.parent)
+    with running_unit(of_recording(video), board) as daemon, Connection(daemon.port) as sensor:
+        sensor.flash(calibration)
+        sensor.subscribe(field=1)
+        for n, (frame, message) in enumerate(sensor.stream(timeout_s=20)):
+            if sensor.schema.type_name(frame.type) != "FIELD":
+                continue
+            pushed_n = np.nansum(Field.from_message(message).force[..., 0])
+            if pushed_n > 0.1:
+                print(f"live: a video of pushed dots gives a force field of {pushed_n:.2f} N along x")
+                return
+            need(n < 500, f"live: no force field in {n} packets")
+
+
 def plugin() -> None:
     from importlib import metadata, util
 
@@ -141,4 +212,4 @@ def both() -> None:
 
 
 if __name__ == "__main__":
-    {"device": device, "host": host, "plugin": plugin, "both": both}[sys.argv[1]]()
+    {"device": device, "host": host, "live": live, "plugin": plugin, "both": both}[sys.argv[1]]()

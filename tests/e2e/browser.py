@@ -7,7 +7,9 @@ import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
+from unittest import mock
 
+from aiohttp import web
 from hang import Patience
 from playwright.sync_api import Browser, Page, sync_playwright
 from told_sensor import ToldSensor
@@ -19,6 +21,7 @@ CHROMIUM = "/usr/bin/chromium"
 # WebGL by the processor, as without a graphics card; what else the page is put together of needs no WebGL there, which
 # would take twice the processor's time.
 SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"]
+SHUTDOWN_S = 0.01  # that the server waits twice for a page that is still open; a person's 1 s is two a test
 LOOK_MS = 20  # between two looks at the page's state
 KINDS = ("wrench", "field")
 
@@ -42,9 +45,13 @@ def chromium() -> Iterator[Browser]:
 
 @contextlib.contextmanager
 def viewer(*ports: str) -> Iterator[str]:
-    """The server in a thread of its own; yields its address."""
-    told = list[str]()
-    with serving([SharedLine(port) for port in ports], 0, told.append):
+    """The server in a thread of its own; yields its address. It does not wait for open pages at its end."""
+    told, runner = list[str](), web.AppRunner
+
+    def hurried(*arguments: Any, **options: Any) -> web.AppRunner:
+        return runner(*arguments, **options | {"shutdown_timeout": SHUTDOWN_S})
+
+    with mock.patch.object(web, "AppRunner", hurried), serving([SharedLine(port) for port in ports], 0, told.append):
         yield told[0]
 
 

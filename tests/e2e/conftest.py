@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hang import HANG_S
 from tiny_sensor import Sensor, make_sensor
-from tiny_twin import Twin, make_twin
+from tiny_twin import Twin, make_twin, slowed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -49,3 +49,9 @@ def sensor(tmp_path_factory: pytest.TempPathFactory) -> Sensor:
 @pytest.fixture(scope="session")
 def twin(sensor: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Twin:
     return make_twin(sensor, tmp_path_factory.mktemp("twin"))
+
+
+@pytest.fixture(scope="session")
+def bench_twin(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Twin:
+    """For minutes of simulated time at a bench: its camera is so slow that not every stall shows as repeated frames."""
+    return slowed(twin, tmp_path_factory.mktemp("bench_twin"))

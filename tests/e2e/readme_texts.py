@@ -19,13 +19,13 @@ from ruffini.cli.app import app
 ROOT = Path(__file__).parents[2]
 TEXTS = sorted(
     path
-    for folder in (".", "boards", "firmware", "host", "proto", "tests")
+    for folder in (".", "boards", "docs", "firmware", "host", "proto", "tests")
     for path in (ROOT.glob("*.md") if folder == "." else (ROOT / folder).rglob("*.md"))
     if "node_modules" not in path.parts
 )
 BLOCK = re.compile(r"^ *```([\w ]*)\n(.*?)^ *```$", re.M | re.S)
 PROGRAM = re.compile(r"(?:\.venv/bin/)?ruffini (.*)")
-FOLDERS = ("boards", "build", "host", "tests")  # that a reader finds where the commands are run
+FOLDERS = ("boards", "build", "docs", "host", "tests")  # that a reader finds where the commands are run
 NOT_COMMANDS = ("BOARD",)  # what a device calls itself on USB
 
 

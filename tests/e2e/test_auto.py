@@ -14,11 +14,12 @@ from tiny_twin import Twin
 from ruffini.calibrate import container, gates
 from ruffini.calibrate.auto.page import table_of
 from ruffini.calibrate.auto.run import Auto, Opened, Site
-from ruffini.calibrate.auto.tasks import FORCES, Counts
 from ruffini.calibrate.auto.truth import Truth
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated
 from ruffini.errors import RefusedError
+from ruffini.estimators.operator.task import TASK as FORCES
+from ruffini.estimators.task import Counts
 from ruffini.rig.program import Span
 from ruffini.rig.session import ready_bench
 
@@ -47,13 +48,13 @@ def auto(twin: Twin, folder: Path, opened: list[str], *, force: bool) -> Auto:
 
 
 def test_collects_fits_flashes_and_judges_then_goes_on_where_it_was(
-    twin: Twin,
+    bench_twin: Twin,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     opened: list[str] = []
-    result = json.loads(json.dumps(auto(twin, tmp_path, opened, force=True).run()))
-    first = container.unpack(twin.calibration).sha256.hex()
+    result = json.loads(json.dumps(auto(bench_twin, tmp_path, opened, force=True).run()))
+    first = container.unpack(bench_twin.calibration).sha256.hex()
     assert opened == [first, first, result["sha256"]]
     assert result["before"]["against"] == result["after"]["against"] == "the twin's truth"
     assert result["after"]["touches"] == 2
@@ -65,5 +66,5 @@ def test_collects_fits_flashes_and_judges_then_goes_on_where_it_was(
     monkeypatch.setattr(gates, "MAX_ERROR", 0.0)
     opened.clear()
     with pytest.raises(RefusedError, match=r"not flashed, what is in force stays \(.*error: "):
-        auto(twin, tmp_path, opened, force=False).run()
+        auto(bench_twin, tmp_path, opened, force=False).run()
     assert opened == []  # all that it needed was there, and nothing was flashed

@@ -262,7 +262,7 @@ def test_a_port_that_takes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         os.close(master)
         os.close(slave)
     assert (code, is_one_sentence(text)) == (3, True)
-    assert "nobody takes what is sent" in text
+    assert "the device does not read what is sent" in text
 
 
 def test_of_two_ports_the_one_that_answers_is_taken(sensor: Sensor, tmp_path: Path) -> None:

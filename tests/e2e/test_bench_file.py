@@ -115,9 +115,9 @@ def person(monkeypatch: pytest.MonkeyPatch) -> Iterator[EmulatedPerson]:
     os.close(writer)
 
 
-def test_a_stage_and_a_cell_that_prints_grams(twin: Twin, tmp_path, monkeypatch, capsys, slow_is_fine) -> None:
+def test_a_stage_and_a_cell_that_prints_grams(bench_twin: Twin, tmp_path, monkeypatch, capsys, slow_is_fine) -> None:
     with EmulatedMarlin() as machine, EmulatedTextCell(1, unit="g", per_newton=GRAMS_A_NEWTON) as cell:
-        desk = Desk(twin, tmp_path, Hanging(machine, twin.unit, Indenter("sphere", 0.003)), capsys)
+        desk = Desk(bench_twin, tmp_path, Hanging(machine, bench_twin.unit, Indenter("sphere", 0.003)), capsys)
         desk.bench.twin.listeners.append(cell.measure)
         origin = ", ".join(f"{1e3 * v:.3f}" for v in ORIGIN)
         stage = f'[stage]\nkind = "marlin"\nport = "{machine.port}"\norigin_mm = [{origin}]\n'
@@ -135,9 +135,11 @@ def test_a_stage_and_a_cell_that_prints_grams(twin: Twin, tmp_path, monkeypatch,
         assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(truth, rel=0.3)
 
 
-def test_six_axes_over_the_network_that_stand_turned(twin: Twin, tmp_path, monkeypatch, capsys, slow_is_fine) -> None:
+def test_six_axes_over_the_network_that_stand_turned(
+    bench_twin: Twin, tmp_path, monkeypatch, capsys, slow_is_fine
+) -> None:
     with EmulatedGrbl() as machine, EmulatedPage(4.0) as page:
-        desk = Desk(twin, tmp_path, Hanging(machine, twin.unit, Indenter("sphere", 0.003)), capsys)
+        desk = Desk(bench_twin, tmp_path, Hanging(machine, bench_twin.unit, Indenter("sphere", 0.003)), capsys)
         desk.bench.cell.mount = Mount((0.0, 0.0, 90.0))  # the pad's x is its y
         origin = ", ".join(f"{1e3 * v:.3f}" for v in ORIGIN)
         rig = f"""[reference]
@@ -163,8 +165,8 @@ origin_mm = [{origin}]
             assert truth[:2] @ shear > 0.9 * np.linalg.norm(truth[:2]) * np.linalg.norm(shear)
 
 
-def test_weights(twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
-    desk = Desk(twin, tmp_path, person, capsys)
+def test_weights(bench_twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
+    desk = Desk(bench_twin, tmp_path, person, capsys)
     with desk.running():
         _, log = desk.collect(monkeypatch, '[reference]\nkind = "weight"\nsigma_g = 0.1\n' + LIMITS,
                               "--program", "weights", "--grams", "40,90", "--n", 2)  # fmt: skip
@@ -174,9 +176,9 @@ def test_weights(twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine
         assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(-weight_n, rel=0.3)
 
 
-def test_presses_by_hand(twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
+def test_presses_by_hand(bench_twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
     with EmulatedTextCell(1, unit="g", per_newton=GRAMS_A_NEWTON) as cell:
-        desk = Desk(twin, tmp_path, person, capsys)
+        desk = Desk(bench_twin, tmp_path, person, capsys)
         desk.bench.twin.listeners.append(cell.measure)
         with desk.running():
             _, log = desk.collect(monkeypatch, TEXT.format(port=cell.port) + LIMITS,
@@ -185,8 +187,8 @@ def test_presses_by_hand(twin: Twin, tmp_path, monkeypatch, capsys, person, slow
         assert -held(touch, "reference_wrench", "reference_s") == pytest.approx(touch.facts["force_n"], rel=0.25)
 
 
-def test_a_csv_of_another_program(twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
-    desk = Desk(twin, tmp_path, person, capsys)
+def test_a_csv_of_another_program(bench_twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
+    desk = Desk(bench_twin, tmp_path, person, capsys)
     desk.bench.twin.listeners.append(EmulatedLogger(tmp_path / "force.csv", 1, offset_s=77.0).measure)
     with desk.running():
         result, log = desk.collect(monkeypatch, f'[reference]\nkind = "csv"\npath = "{tmp_path}/force.csv"\n' + LIMITS,
@@ -197,13 +199,15 @@ def test_a_csv_of_another_program(twin: Twin, tmp_path, monkeypatch, capsys, per
         assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(truth, rel=0.3)
 
 
-def test_auto_replaces_no_calibration_that_nobody_could_put_back(twin: Twin, tmp_path, monkeypatch, capsys) -> None:
+def test_auto_replaces_no_calibration_that_nobody_could_put_back(
+    bench_twin: Twin, tmp_path, monkeypatch, capsys
+) -> None:
     ball = '[tip]\nshape = "sphere"\ndiameter_mm = 6.0\n'
     rig = TEXT.format(port=tmp_path / "no-cell") + ball + LIMITS  # it gets no further than to the missing reference
-    desk = Desk(twin, tmp_path, EmulatedPerson(1), capsys)
+    desk = Desk(bench_twin, tmp_path, EmulatedPerson(1), capsys)
     with desk.running():
         with Connection(desk.port) as sensor:
-            sensor.flash(twin.calibration)
+            sensor.flash(bench_twin.calibration)
         auto = ("auto", "--quick", "--out", tmp_path / "auto")
         code, _, said = desk.run(monkeypatch, rig, *auto)
         assert (code, "--previous" in said) == (4, True)
@@ -211,4 +215,4 @@ def test_auto_replaces_no_calibration_that_nobody_could_put_back(twin: Twin, tmp
             code, _, said = desk.run(monkeypatch, rig, *auto, *word)
             assert (code, "no-cell" in said) == (3, True), said
         with Connection(desk.port) as sensor:
-            assert sensor.hello.sensors[0].calibration.sha256 == hashlib.sha256(twin.calibration).digest()
+            assert sensor.hello.sensors[0].calibration.sha256 == hashlib.sha256(bench_twin.calibration).digest()

@@ -94,10 +94,10 @@ def is_up(simulated: Simulated) -> bool:
     return simulated.machine.place().z_m >= ORIGIN.z_m + LIMITS.top_m - 1e-6
 
 
-def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path) -> None:
+def test_touches_are_collected_kept_and_gone_on_with(bench_twin: Twin, tmp_path: Path) -> None:
     told: list[Progress] = []
     out = tmp_path / "log.h5"
-    with bench(twin) as (b, _):
+    with bench(bench_twin) as (b, _):
         beside = [*PLAN[:2], Touch(0.05, 0, 0.0005)]
         with pytest.raises(RefusedError, match="beside the pad"):
             collect(b, beside, LogWriter(out, FACTS))
@@ -139,9 +139,9 @@ def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path)
     assert abs(log.found["clocks"][0]["late_s"]) < 0.2  # the camera's pipeline is slower than the reference's
 
 
-def test_a_reference_in_pounds_or_askew_is_told_before_the_first_touch(twin: Twin, tmp_path: Path) -> None:
+def test_a_reference_in_pounds_or_askew_is_told_before_the_first_touch(bench_twin: Twin, tmp_path: Path) -> None:
     pressed = Disturbed(tmp_path / "log.h5")
-    with bench(twin, mount=Mount((90.0, 0.0, 0.0))) as (b, simulated):
+    with bench(bench_twin, mount=Mount((90.0, 0.0, 0.0))) as (b, simulated):
         with pytest.raises(InputError, match=r"on \+y instead of -z: axes are swapped"):
             pressed.run(b)
         assert is_up(simulated)
@@ -156,10 +156,10 @@ def test_a_reference_in_pounds_or_askew_is_told_before_the_first_touch(twin: Twi
         assert pressed.log().done() == set()
 
 
-def test_reference_that_fails_in_the_middle_lifts_the_tip_and_loses_nothing(twin: Twin, tmp_path: Path) -> None:
+def test_reference_that_fails_in_the_middle_lifts_the_tip_and_loses_nothing(bench_twin: Twin, tmp_path: Path) -> None:
     """One bench, disturbed in one way after the other; each time the same command goes on."""
     pressed = Disturbed(tmp_path / "log.h5")
-    with bench(twin) as (b, simulated):
+    with bench(bench_twin) as (b, simulated):
         cell, machine = simulated.twin.cell, simulated.machine
         assert machine is not None
         with pytest.raises(RefusedError, match="is saturated"):
@@ -184,18 +184,18 @@ def test_reference_that_fails_in_the_middle_lifts_the_tip_and_loses_nothing(twin
             pressed.run(b, lambda: setattr(cell, "is_plugged", False))
         assert is_up(simulated)
         assert len(pressed.log().done()) == 3
-    with bench(twin) as (b, _):  # plugged in again
+    with bench(bench_twin) as (b, _):  # plugged in again
         assert pressed.run(b) == 3
     assert len(read_log(tmp_path / "log.h5").touches) == 4
 
 
 def test_machine_or_camera_that_fails_in_the_middle(
-    twin: Twin,
+    bench_twin: Twin,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pressed, goes_on = Disturbed(tmp_path / "log.h5"), threading.Event()
-    with bench(twin, machine="grbl", stall_s=3.0) as (b, simulated):
+    with bench(bench_twin, machine="grbl", stall_s=3.0) as (b, simulated):
         machine = simulated.machine
         assert machine is not None
         with pytest.raises(RefusedError, match="alarm 1"):
@@ -235,14 +235,16 @@ def _stop() -> None:
     raise RefusedError("stopped by a key")
 
 
-def test_the_sensors_force_stops_the_machine_too(twin: Twin, tmp_path: Path) -> None:
+def test_the_sensors_force_stops_the_machine_too(bench_twin: Twin, tmp_path: Path) -> None:
     """The reference sees a tenth of the force; the sensor knows better."""
     with contextlib.ExitStack() as stack:
-        simulated = open_simulated(stack, twin.board, "grid", TwinOptions(mount=NO_MOUNT, is_hurried=True), twin.unit)
+        simulated = open_simulated(
+            stack, bench_twin.board, "grid", TwinOptions(mount=NO_MOUNT, is_hurried=True), bench_twin.unit
+        )
         simulated.twin.cell.gain = np.full(6, 0.1)
-        simulated.parts.sensor.flash(twin.calibration)
+        simulated.parts.sensor.flash(bench_twin.calibration)
         parts = replace(simulated.parts, max_force_n=0.5)
-        b = stack.enter_context(ready_bench(parts, twin.board, LIMITS))
+        b = stack.enter_context(ready_bench(parts, bench_twin.board, LIMITS))
         b.reference.tare(0.3)
         assert b.stage is not None
         with pytest.raises(RefusedError, match="the sensor measures"), b.safely():
@@ -250,9 +252,9 @@ def test_the_sensors_force_stops_the_machine_too(twin: Twin, tmp_path: Path) -> 
         assert is_up(simulated)
 
 
-def test_weights_and_presses_by_hand(twin: Twin, tmp_path: Path) -> None:
+def test_weights_and_presses_by_hand(bench_twin: Twin, tmp_path: Path) -> None:
     span = Span(0.003, 0.002, 0.0006, 0.0)
-    with bench(twin, "weights") as (b, _):
+    with bench(bench_twin, "weights") as (b, _):
         collect(b, plan("weights", span, 2, 1, ByHand(grams=(40.0, 90.0))), LogWriter(tmp_path / "w.h5", {}))
     log = read_log(tmp_path / "w.h5")
     assert [t.facts["grams"] for t in log.touches] == [40, 90]
@@ -261,7 +263,7 @@ def test_weights_and_presses_by_hand(twin: Twin, tmp_path: Path) -> None:
         weight_n = 9.80665e-3 * f["grams"]
         assert a["reference_wrench"][is_held(a["reference_s"], f), 2] == pytest.approx(-weight_n)
         assert a["stream_wrench"][is_held(a["stream_host_s"], f), 2].mean() == pytest.approx(-weight_n, rel=0.3)
-    with bench(twin, "free", mount=NO_MOUNT) as (b, _):
+    with bench(bench_twin, "free", mount=NO_MOUNT) as (b, _):
         items = plan("free", span, 2, 1, ByHand(force_n=0.8))
         collect(b, items, LogWriter(tmp_path / "f.h5", {}))
         b.max_force_n = 0.3
@@ -273,13 +275,15 @@ def test_weights_and_presses_by_hand(twin: Twin, tmp_path: Path) -> None:
         assert held_n == pytest.approx(item.force_n, rel=0.25)
 
 
-def test_another_programs_csv_with_a_drifting_clock(twin: Twin, tmp_path: Path) -> None:
+def test_another_programs_csv_with_a_drifting_clock(bench_twin: Twin, tmp_path: Path) -> None:
     log = LogWriter(tmp_path / "log.h5", {})
     with contextlib.ExitStack() as stack:
-        parts, csv = open_logged(stack, twin.board, TwinOptions(is_hurried=True), tmp_path / "force.csv", twin.unit)
+        parts, csv = open_logged(
+            stack, bench_twin.board, TwinOptions(is_hurried=True), tmp_path / "force.csv", bench_twin.unit
+        )
         assert isinstance(parts, SensorParts)
-        parts.sensor.flash(twin.calibration)
-        watched = stack.enter_context(watched_stream(parts.sensor, twin.board, parts.pace))
+        parts.sensor.flash(bench_twin.calibration)
+        watched = stack.enter_context(watched_stream(parts.sensor, bench_twin.board, parts.pace))
         record(watched.stream, parts.person, log, watched.session)
     (tmp_path / "no_time.csv").write_text(csv.read_text().replace("time_s", "when", 1))
     with pytest.raises(InputError, match="no column of time"):

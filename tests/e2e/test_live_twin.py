@@ -396,3 +396,20 @@ def test_every_board_with_a_twin_runs_on_the_daemon(tmp_path: Path, name: str) -
     step = image.step_px
     reference = picture[::step, ::step] if sent.shape[2] == 3 else picture[::step, ::step].mean(axis=2, keepdims=True)
     assert np.abs(sent.astype(float) - reference).mean() < 3
+
+
+def test_a_daemon_with_a_live_camera_runs_within_250_mb_of_address_space(
+    twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What reads recordings and runs networks, with hundreds of libraries, is loaded only where it is asked for."""
+    bounded = tmp_path / "bounded"
+    bounded.write_text(f'#!/bin/sh\nulimit -v 250000\nexec {find_daemon()} "$@"\n')
+    bounded.chmod(0o755)
+    monkeypatch.setenv("RUFFINI_DAEMON", str(bounded))
+    scenario = Scenario(program="rest", n=twin.board.pipeline.n_rest_frames + 5)
+    frames = Scripted(twin.unit, scenario)
+    with (
+        TwinServer(twin.unit.renderer(), frames, scenario, tmp_path / "twin"),
+        connected(twin, tmp_path, "--lockstep", "--wait-for-host") as sensor,
+    ):
+        assert len(list(wrenches(sensor))) == len(frames)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -18,6 +19,9 @@ from hang import HANG_S
 
 from ruffini.boards import find_board
 from ruffini.device import Connection
+from ruffini.errors import InputError
+from ruffini.frames import read_frames
+from ruffini.live.recording_server import RecordingServer
 
 LIVE = [sys.executable, "-c", "import sys; from ruffini.cli import main; sys.exit(main())", "live"]
 
@@ -90,6 +94,37 @@ def test_its_markers_move_in_the_stream(video: Path, tmp_path: Path, monkeypatch
         messages = (m for frame, m in sensor.stream(timeout_s=HANG_S) if name(frame.type) == "MARKERS")
         assert sum(1 for _, m in zip(range(30), messages, strict=False) if m.stamp.frame >= 0) == 30
         assert daemon.problem() == ""
+
+
+@pytest.mark.parametrize("is_simulated", [False, True])
+def test_a_folder_plays_and_its_mark_goes_with_every_packet(
+    video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_simulated: bool
+) -> None:
+    from ruffini.live.unit import of_recording, running_unit
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    for i, picture in enumerate(itertools.islice(read_frames(video), 5)):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture)
+    (tmp_path / "recording.toml").write_text(
+        f'board = "gelsight-mini"\nrate_mhz = 50000\nsimulated = {str(is_simulated).lower()}\n'
+    )
+    board = find_board("gelsight-mini")
+    with running_unit(of_recording(tmp_path), board) as daemon, Connection(daemon.port) as sensor:
+        sensor.subscribe(wrench=1)
+        frames = [frame for frame, _ in itertools.islice(sensor.stream(timeout_s=HANG_S), 20)]
+    assert {(frame.is_replay, frame.is_simulated) for frame in frames} == {(True, is_simulated)}
+
+
+def test_a_recording_of_another_board_or_a_spoilt_mark_is_refused(video: Path, tmp_path: Path) -> None:
+    board = find_board("gelsight-mini")
+    for text, sentence in (
+        ('board = "gelslim"', "recorded with board 'gelslim', this is 'gelsight-mini'"),
+        ("simulated = 1", "simulated must be true or false"),
+        ("simulated", "not TOML"),
+    ):
+        (tmp_path / "recording.toml").write_text(text)
+        with pytest.raises(InputError, match=sentence):
+            RecordingServer(board, tmp_path / "socket", tmp_path)
 
 
 def test_what_cannot_be_is_one_sentence(video: Path, environment: dict[str, str], tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ NOT_RUN = {
     "pip install -e 'host[train]'": "PyTorch: .ci/setup extras installs it for `make readmes`",
     ".venv/bin/ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, likewise",
     "ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, until it is stopped",
+    ".venv/bin/ruffini live": SENSOR,
     "ruffini live": SENSOR,
     "ruffini live --camera VIDEO --board gelsight-mini": "test_live_verb.py, with a video that it draws",
     "ruffini cal flash colours.safetensors": SENSOR,
@@ -42,7 +43,7 @@ NOT_RUN = {
     "ruffini ros2 bridge --through rclpy": "a sensor and ROS 2",
 }  # fmt: skip
 RUN_ELSEWHERE = {  # by `.ci/run`, test_host_readme.py, py/client/test_cpp_package.py
-    "README.md", "host/README.md", "host/cpp/README.md"
+    "README.md", "docs/tutorial.md", "host/README.md", "host/cpp/README.md"
 }  # fmt: skip
 COMMAND = re.compile(
     r" *((\.venv/bin/|build/)?(ruffini\w*|python)|make|pip|npm|cmake|ctest|c\+\+|dtc|lerobot-record|sudo|\.ci/\w+) "
@@ -52,7 +53,7 @@ READERS_OWN = re.compile(
     r"/dev/|\b(NAME|BENCH|BOARD|FOLDER|FILE|DIR|LOG|COPY|THEIRS|PORT|ADDRESS)\b|\bsudo\b|\.\.\.|\.ci/"
 )
 BY_HAND = re.compile(r"^# by hand: (minutes|half an hour|an hour|hours)\b", re.M)
-FEWER = {"balls --n 40": "balls --n 10", "balls --n 24": "balls --n 4", "presses.h5 --n 4": "presses.h5 --n 2"}
+FEWER = {"balls --n 40": "balls --n 6", "balls --n 24": "balls --n 2", "presses.h5 --n 4": "presses.h5 --n 2"}
 OPERATOR = re.compile(r"^(ruffini cal fit --only operator --board \S+ --out (\S+))\n", re.M)
 RUN_HERE = [(path, block) for path in TEXTS if name_of(path) not in RUN_ELSEWHERE for block in blocks(path, "sh")]
 
@@ -80,7 +81,7 @@ def with_fewer(block: str) -> str:
 
 
 def test_some_run() -> None:
-    assert {name_of(path) for path, _ in RUN_HERE} >= {"boards/ftouch/README.md", "host/ruffini/rig/README.md"}
+    assert {name_of(path) for path, _ in RUN_HERE} >= {"boards/ftouch/DESIGN.md", "host/ruffini/rig/README.md"}
     whole = "".join(block for _, block in RUN_HERE)
     assert [many for many in FEWER if many not in whole] == []
 

@@ -117,12 +117,11 @@ def test_two_pads_of_one_line_and_two_lines_stand_side_by_side(page: Page) -> No
     assert [line["serial"] for line in state["lines"]] == ["left", "right"]
 
 
-@pytest.mark.parametrize("width_px", [400, 900, 1280, 1800])
-def test_two_sensors_stand_beside_each_other_where_there_is_room_and_no_number_leaves_its_cell(
-    page: Page, width_px: int
-) -> None:
+WIDTHS_PX = (400, 900, 1280, 1800)
+
+
+def test_two_sensors_stand_beside_each_other_where_there_is_room_and_no_number_leaves_its_cell(page: Page) -> None:
     pad = info_of(find_board("gelslim"), 0, (31, 25))
-    page.set_viewport_size({"width": width_px, "height": 900})
     with (
         ToldSensor([pad], told_field(31, 25), serial="left", rate_hz=None) as left,
         ToldSensor([pad], told_field(31, 25), serial="right", rate_hz=None) as right,
@@ -131,21 +130,22 @@ def test_two_sensors_stand_beside_each_other_where_there_is_room_and_no_number_l
         page.goto(address)
         step(page, left, right, n=3)
         wait_for(page, "both", lambda s: min(line["nDrawn"] for line in s["lines"]) > 2 and len(s["lines"]) == 2)
-        for unit in ("N", "mN", "gf"):
-            wait_for(page, unit, lambda _, u=unit: page.locator(".cell .unit").first.inner_text() == u)  # type: ignore[misc]
-            step(page, left, right)
-            assert page.evaluate(TOO_WIDE) == []
-            page.keyboard.press("u")
-        boxes = [page.locator("section.sensor").nth(i).bounding_box() for i in range(2)]
-        health = [page.locator("section.health").nth(i).bounding_box() for i in range(2)]
-    for first, second in (boxes, health):
-        assert first is not None
-        assert second is not None
-        if width_px > 1000:
-            assert first["y"] == second["y"]
-            assert first["x"] + first["width"] <= second["x"]
-        else:
-            assert first["y"] + first["height"] <= second["y"]
+        for width_px in WIDTHS_PX:
+            page.set_viewport_size({"width": width_px, "height": 900})
+            for unit in ("N", "mN", "gf"):
+                wait_for(page, unit, lambda _, u=unit: page.locator(".cell .unit").first.inner_text() == u)  # type: ignore[misc]
+                step(page, left, right)
+                assert page.evaluate(TOO_WIDE) == [], width_px
+                page.keyboard.press("u")
+            for part in ("sensor", "health"):
+                first, second = (page.locator(f"section.{part}").nth(i).bounding_box() for i in range(2))
+                assert first is not None
+                assert second is not None
+                if width_px > 1000:
+                    assert first["y"] == second["y"]
+                    assert first["x"] + first["width"] <= second["x"]
+                else:
+                    assert first["y"] + first["height"] <= second["y"]
 
 
 WHITE = """() => {

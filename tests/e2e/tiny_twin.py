@@ -28,6 +28,7 @@ from ruffini.sim.unit import TwinUnit
 Tensors = dict[str, npt.NDArray[np.generic]]
 
 N_UNTOUCHED = 120
+RATE_MHZ = 20000  # a slow camera: simulated time passes in fewer frames
 OF_THIS_RUN = ("created_utc", "inputs_sha256")  # of a calibration's manifest
 # A node is four times as large as on the board that the threshold is of, so it feels four times the force.
 CHANGES = {"threshold_un = 3000": "threshold_un = 12000"}
@@ -54,9 +55,13 @@ def make_twin(sensor: Sensor, root: Path) -> Twin:
     return Twin(unit, container.pack({**file.tensors, **tables}, file.metadata).data)
 
 
-def _unit(name: str, root: Path) -> TwinUnit:
-    # A slow camera: simulated time passes in fewer frames.
-    changes = {**CHANGES, 'name = "tiny"': f'name = "{name}"', "rate_mhz = 60000": "rate_mhz = 20000"}
+def slowed(twin: Twin, root: Path) -> Twin:
+    """The same with a camera of half the rate; `root` keeps its board."""
+    return Twin(_unit(twin.board.name, root, twin.board.camera.rate_mhz // 2), twin.calibration)
+
+
+def _unit(name: str, root: Path, rate_mhz: int = RATE_MHZ) -> TwinUnit:
+    changes = {**CHANGES, 'name = "tiny"': f'name = "{name}"', "rate_mhz = 60000": f"rate_mhz = {rate_mhz}"}
     folder = write_board(root / name, changes)
     shutil.copy(find_board("gelslim").folder / "twin.toml", folder)
     board = find_board(folder)

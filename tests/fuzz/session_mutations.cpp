@@ -52,7 +52,7 @@ Bytes host_frame(uint8_t type, const Bytes& payload, uint8_t sensor = kDeviceSen
   return {frame.begin(), frame.begin() + static_cast<ptrdiff_t>(n)};
 }
 
-Bytes serialised(const ruffini_Command& message) {
+Bytes serialize_message(const ruffini_Command& message) {
   Bytes payload(ruffini_Command_size);
   pb_ostream_t stream = pb_ostream_from_buffer(payload.data(), payload.size());
   if (!pb_encode(&stream, ruffini_Command_fields, &message)) fail("a command cannot be encoded");
@@ -66,7 +66,7 @@ ruffini_Command of_kind(pb_size_t action) {
   return m;
 }
 
-// One command of every kind, serialised.
+// One command of every kind, serialize_message.
 std::vector<Bytes> command_payloads() {
   ruffini_Command subscribe = of_kind(ruffini_Command_subscribe_tag);
   subscribe.action.subscribe.subscriptions_count = 3;
@@ -89,7 +89,7 @@ std::vector<Bytes> command_payloads() {
                                    of_kind(ruffini_Command_flash_abort_tag), of_kind(ruffini_Command_flash_undo_tag),
                                    of_kind(ruffini_Command_flash_query_tag), of_kind(ruffini_Command_challenge_tag),
                                    of_kind(ruffini_Command_lease_tag), of_kind(ruffini_Command_flash_read_tag)}) {
-    out.push_back(serialised(m));
+    out.push_back(serialize_message(m));
   }
   return out;
 }
@@ -197,7 +197,7 @@ class Device {
 
   void command(ruffini_Command m) {
     m.request_id = ++upload_id_;
-    session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_COMMAND, serialised(m)));
+    session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_COMMAND, serialize_message(m)));
     drain();
   }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -34,22 +33,10 @@ def calibration(name: str) -> bytes:
 def _of_the_main_job(name: str, path: Path) -> None:
     """As `ruffini demo` makes it, of the same simulated unit."""
     from ruffini.calibrate import container
-    from ruffini.demo.main_job import BALL_MM, DEMO_ERROR, N_BALLS, NOISE
-    from ruffini.estimators.operator.error_model import N_TOUCHES
-    from ruffini.estimators.operator.fit import make_operator
-    from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
-    from ruffini.estimators.photometric.pad_view import Pinhole
-    from ruffini.estimators.photometric.presses import load_presses
-    from ruffini.sim.recording import record_balls
+    from ruffini.demo.calibration import calibrated
+    from ruffini.demo.main_job import DEMO_ERROR
     from ruffini.sim.unit import PadError, TwinUnit
 
     board = find_board(name)
-    c = board.camera
-    record_balls(
-        TwinUnit.build(board, PadError(**DEMO_ERROR)), N_BALLS, path.parent / "balls", ball_mm=BALL_MM, seed=11
-    )
-    pinhole = Pinhole(c.focal_mpx / 1e3, c.center_x_mpx / 1e3, c.center_y_mpx / 1e3, c.standoff_um / 1e3)
-    fit = fit_photometric(collect_samples(load_presses(path.parent / "balls"), pinhole))
-    kind = make_operator(board, method="support", noise=NOISE, n_touches=N_TOUCHES)
-    metadata = {**container.base_metadata(board), **kind.metadata, "residuals": json.dumps(fit.report())}
-    container.write(path, container.pack({**kind.tensors, **tabulate(fit.model)}, metadata))
+    file, _ = calibrated(board, TwinUnit.build(board, PadError(**DEMO_ERROR)), path.parent)
+    container.write(path, file)

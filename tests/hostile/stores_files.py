@@ -165,7 +165,8 @@ def _presses(chance: random.Random, folder: Path) -> None:
 @group("gates: moduli that a wrong unit makes", 200, 50)
 def _moduli(chance: random.Random, folder: Path) -> None:
     from ruffini.boards import find_board
-    from ruffini.calibrate.gates import gates_of_modulus, verdict
+    from ruffini.calibrate.gates import verdict
+    from ruffini.estimators.material.judge import gates_of_modulus
     from ruffini.estimators.operator.fit import Material, board_slab
 
     board = find_board(chance.choice(["gelslim", "gelsight-mini"]))

@@ -29,7 +29,7 @@ from pathlib import Path
 REPO = Path(__file__).parents[2]
 TIMEOUT_S = 300.0
 MEMORY_BYTES = 2 << 30  # of a C++ test program: a bug that never stops collecting would take the computer
-HOST_TARGETS = ("ruffini", "ruffini_schema", "ruffini_infer")  # what the host tool loads
+HOST_TARGETS = ("ruffini", "ruffini_schema", "ruffini_infer", "ruffini_pictures")  # what the host tool loads
 BUILD_TARGETS_OF = {"tests/bitexact": ("ruffini_stages", "ruffini"), "tests/py/client": ("ruffini_client_door",)}
 SUITE = re.compile(r"^(?:TYPED_)?TEST(?:_[FP])?\(\s*(\w+)", re.M)
 

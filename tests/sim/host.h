@@ -74,7 +74,7 @@ class Host {
   uint32_t sequence_ = 0;
   uint32_t request_id_ = 1;
   uint32_t holder_ = 0;
-  Bytes asked_;  // the last command, serialised
+  Bytes asked_;  // the last command, serialize_message
   uint64_t wait_us_ = 0;
   uint64_t tries_ = 0;
   uint64_t chunk_bytes_ = 0;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr uint64_t kAnswerUs = 2'000'000;  // a command on a line that takes what is written
 constexpr uint64_t kOldestUs = 1'500'000;  // of a force that is not marked as stale
-constexpr size_t kMostAsks = 60;           // more at once than the device keeps replies need no answer
+constexpr size_t kMaxAsks = 60;            // more at once than the device keeps replies need no answer
 constexpr uint64_t kGoodFrames = 32;       // of a trial, as proto/README.md says
 constexpr uint64_t kTrialFrames = 256;
 constexpr size_t kX = 0;
@@ -112,7 +112,7 @@ void Judge::received(std::span<const uint8_t> bytes) {
     owed_.push_back({command.request_id, now_us_});
     log_.say(now_us_, "command", {command.request_id, command.which_action});
   }
-  if (n_asks > kMostAsks || owed_.size() > kMostAsks) owed_.clear();
+  if (n_asks > kMaxAsks || owed_.size() > kMaxAsks) owed_.clear();
 }
 
 bool Judge::was_asked(pb_size_t action) const {

@@ -48,7 +48,7 @@ class SimCamera final : public Camera {
       shown.picture = shown_.back().picture;
     if (swarm_.strikes(Fault::kTimeJumps, 2'000)) shown.capture_us = dice_.below(2 * now_us_);
     buffer.pixels = sensor_.pictures[shown.picture];
-    // No two of 32 frames are alike where image/old_pictures looks.
+    // No two of 32 frames are alike where image/repeated_pictures looks.
     buffer.pixels[0] = static_cast<uint8_t>(buffer.pixels[0] ^ (number_ & 31));
     buffer.capture_us = shown.capture_us;
     buffer.number = shown.number;

@@ -22,7 +22,7 @@ int SimLine::device_read(std::span<uint8_t> out) {
     const size_t n_taken = std::min(bytes.size(), out.size() - n);
     std::copy_n(bytes.begin(), n_taken, out.begin() + static_cast<ptrdiff_t>(n));
     n += n_taken;
-    n_down_ -= n_taken;
+    n_dropped_on_hang_up_ -= n_taken;
     if (n_taken == bytes.size()) {
       down_.pop_front();
     } else {
@@ -48,7 +48,7 @@ bool SimLine::device_open() {
 }
 
 void SimLine::host_write(std::span<const uint8_t> bytes) {
-  if (is_connected_ && n_down_ + bytes.size() < kMostDown) send(down_, bytes);
+  if (is_connected_ && n_dropped_on_hang_up_ + bytes.size() < kMaxDown) send(down_, bytes);
 }
 
 std::vector<uint8_t> SimLine::host_read(size_t at_most) {
@@ -57,7 +57,8 @@ std::vector<uint8_t> SimLine::host_read(size_t at_most) {
     Piece piece = std::move(up_.front());
     up_.pop_front();
     n_up_ -= piece.bytes.size();
-    if (swarm_.strikes(Fault::kEcho, 20'000) && n_down_ + piece.bytes.size() < kMostDown) send(down_, piece.bytes);
+    if (swarm_.strikes(Fault::kEcho, 20'000) && n_dropped_on_hang_up_ + piece.bytes.size() < kMaxDown)
+      send(down_, piece.bytes);
     out.insert(out.end(), piece.bytes.begin(), piece.bytes.end());
   }
   return out;
@@ -68,11 +69,11 @@ void SimLine::hang_up() {
   is_connected_ = is_open_ = false;
   up_.clear();
   down_.clear();
-  n_up_ = n_down_ = 0;
+  n_up_ = n_dropped_on_hang_up_ = 0;
 }
 
 void SimLine::send(std::deque<Piece>& queue, std::span<const uint8_t> bytes) {
-  size_t& n_queued = &queue == &up_ ? n_up_ : n_down_;
+  size_t& n_queued = &queue == &up_ ? n_up_ : n_dropped_on_hang_up_;
   while (!bytes.empty()) {
     const size_t n = std::min(bytes.size(), kPieceBytes);
     Piece piece{now_us_ + kLatencyUs, {bytes.begin(), bytes.begin() + static_cast<ptrdiff_t>(n)}};

@@ -46,9 +46,9 @@ class SimLine {
     uint64_t at_us = 0;
     std::vector<uint8_t> bytes;
   };
-  static constexpr size_t kPieceBytes = 512;     // of USB
-  static constexpr size_t kRoomBytes = 17'588;   // of a pty of Linux
-  static constexpr size_t kMostDown = 64 << 10;  // what a host may have on its way
+  static constexpr size_t kPieceBytes = 512;    // of USB
+  static constexpr size_t kRoomBytes = 17'588;  // of a pty of Linux
+  static constexpr size_t kMaxDown = 64 << 10;  // what a host may have on its way
 
   void send(std::deque<Piece>& queue, std::span<const uint8_t> bytes);
 
@@ -59,7 +59,7 @@ class SimLine {
   std::deque<Piece> up_;
   std::deque<Piece> down_;
   size_t n_up_ = 0;
-  size_t n_down_ = 0;
+  size_t n_dropped_on_hang_up_ = 0;
   bool is_connected_ = false;  // a host holds it
   bool is_open_ = false;       // the device does
 };

@@ -142,11 +142,11 @@ class World {
                                     .session_id = static_cast<uint32_t>(dice_.next()),
                                     .stream_flags = kSimulated};
       device->daemon.emplace(sensor_.board, std::move(path).value(),
-                             Surroundings{.clock = clock_,
-                                          .random = random_,
-                                          .camera = std::move(camera),
-                                          .link = std::make_unique<LineEnd>(line_),
-                                          .io = std::make_unique<NoIo>()},
+                             DaemonDevices{.clock = clock_,
+                                           .random = random_,
+                                           .camera = std::move(camera),
+                                           .link = std::make_unique<LineEnd>(line_),
+                                           .io = std::make_unique<NoIo>()},
                              *device->calibrator, device->exchange, identity, DaemonOptions());
       ++n_starts_;
       log_.say(now_us_, "the device starts");

@@ -10,12 +10,12 @@ namespace {
 
 constexpr int kFewTimes = 2;
 constexpr int kManyTimes = 8;
-constexpr int64_t kMostInput = Perceptron::kMaxInput;
-constexpr int64_t kMostDepthQ4 = 4'000 << 4;  // of DisplacementUm, 1/8 um in 16 bits
-constexpr int64_t kMostRatioQ12 = int64_t{1} << 20;
+constexpr int64_t kMaxInput = Perceptron::kMaxInput;
+constexpr int64_t kMaxDepthQ4 = 4'000 << 4;  // limit of DisplacementUm: 1/8 um in 16 bits
+constexpr int64_t kMaxRatioQ12 = int64_t{1} << 20;
 constexpr int kRounds = 2;
 
-// Where a value lies between the lines of a lattice: line and part of a step, Q10.
+// Position of a value between the lines of a lattice: line and fraction of a step, Q10.
 struct Between {
   int line = 0;
   int64_t part_q10 = 0;
@@ -35,7 +35,7 @@ int64_t bilinear(Value value, const Between& x, const Between& y) {
 
 }  // namespace
 
-bool ContactDepth::is_of(const BoardSettings& board) {
+bool ContactDepth::is_used_by(const BoardSettings& board) {
   const auto has = [&](const char* stage) {
     return std::find(board.stages.begin(), board.stages.end(), stage) != board.stages.end();
   };
@@ -90,7 +90,7 @@ Result<ContactDepth> ContactDepth::load(const Calibration& c, const BoardSetting
   return out;
 }
 
-// By (1 2 1) both ways, borders repeated.
+// Smooths by (1 2 1) both ways; borders are repeated.
 void ContactDepth::smooth(std::vector<int64_t>& plane) {
   const int n_x = lattice_.n_x;
   const int n_y = lattice_.n_y;
@@ -124,7 +124,7 @@ void ContactDepth::refine(std::span<const int32_t> fall, const Profile& profile,
                           SaturationCounter& saturations) {
   const int64_t size = std::max<int64_t>(profile.size_q4, 1);
   const auto over_size = [&](int64_t value, int shift) {
-    return std::clamp(floor_div(value << shift, size), -kMostInput, kMostInput);
+    return std::clamp(floor_div(value << shift, size), -kMaxInput, kMaxInput);
   };
   std::array<int64_t, kInputs> x{};
   std::copy(inputs.begin(), inputs.end(), x.begin() + kOfPatch);
@@ -139,15 +139,15 @@ void ContactDepth::refine(std::span<const int32_t> fall, const Profile& profile,
       x[5] = floor_sqrt(dx * dx + dy * dy);
       int64_t ratio_q12 = 0;
       net_.run(tanh_, x, {&ratio_q12, 1}, saturations);
-      const int64_t depth = round_shift(std::clamp(ratio_q12, -kMostRatioQ12, kMostRatioQ12) * profile.size_q4, 12);
-      depth_q4_[i] = std::clamp(depth, -kMostDepthQ4, kMostDepthQ4);
+      const int64_t depth = round_shift(std::clamp(ratio_q12, -kMaxRatioQ12, kMaxRatioQ12) * profile.size_q4, 12);
+      depth_q4_[i] = std::clamp(depth, -kMaxDepthQ4, kMaxDepthQ4);
       if (depth != depth_q4_[i]) ++saturations.count;
     }
   }
 }
 
-void ContactDepth::look(std::span<const FlowPoint> flow, std::span<DisplacementUm> out,
-                        SaturationCounter& saturations) const {
+void ContactDepth::resample(std::span<const FlowPoint> flow, std::span<DisplacementUm> out,
+                            SaturationCounter& saturations) const {
   const auto at = [&](int x, int y) { return static_cast<size_t>(y * lattice_.n_x + x); };
   const auto place_q4 = [&](int cell, int64_t center_mpx) {
     const int64_t twice_mpx = (2 * cell * step_px_ + step_px_ - 1) * 1'000 - 2 * center_mpx;
@@ -176,7 +176,7 @@ void ContactDepth::run(const Profile& profile, const ModelledContact::Inputs& in
                        SaturationCounter& saturations) {
   estimate(profile.flow, saturations);
   refine(profile.fall, profile, inputs, saturations);
-  look(profile.flow, out, saturations);
+  resample(profile.flow, out, saturations);
 }
 
 }  // namespace ruffini

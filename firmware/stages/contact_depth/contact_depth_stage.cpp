@@ -1,5 +1,5 @@
-// Map of depth from the flow of a texture under one contact (stages/contact_depth/contact_depth.h); zero where nothing touches.
-// Not of boards whose depth comes from light.
+// Depth map from the flow of a texture under one contact (stages/contact_depth/contact_depth.h); zero without contact.
+// Not for boards whose depth comes from light.
 #include <algorithm>
 #include <optional>
 
@@ -16,14 +16,14 @@ class ContactDepthStage final : public Stage {
         profile_(c.slots.read<Slot::kProfile>()),
         modelled_(c.slots.read<Slot::kContactModel>()),
         depth_(c.slots.write<Slot::kDepth>()) {
-    if (!ContactDepth::is_of(board_)) return;
+    if (!ContactDepth::is_used_by(board_)) return;
     depth_.step_px = ContactDepth::step_px(board_);
     depth_.grid = ContactDepth::cells(board_);
     depth_.cell.resize(static_cast<size_t>(depth_.grid.count()));
   }
 
   Status load(const Calibration& calibration) override {
-    if (!ContactDepth::is_of(board_)) return Unit{};
+    if (!ContactDepth::is_used_by(board_)) return Unit{};
     if (Status loaded = keep(ContactDepth::load(calibration, board_), map_); !loaded) return loaded;
     depth_.sigma_um = map_->sigma_um();
     return Unit{};

@@ -10,17 +10,17 @@ namespace {
 
 constexpr int kShapeFraction = 14;
 constexpr int kWhiteShift = 20;
-constexpr int64_t kMostLost1e3 = 250;
+constexpr int64_t kMaxLost1e3 = 250;
 constexpr int64_t kStraightPart = 10;    // F_t <= F_n / this
-constexpr int64_t kBackUm = 50;          // less deep than before by more than this: on the way back
-constexpr int64_t kMaxFrames = 1'024;    // of a press: (n x y) 4096 stays inside 63 bits
-constexpr int64_t kMaxDepthUm = 20'000;  // and of a root of an area
+constexpr int64_t kBackUm = 50;          // less deep than before by more than this: the object is retreating
+constexpr int64_t kMaxFrames = 1'024;    // per press: keeps (n x y) 4096 within 63 bits
+constexpr int64_t kMaxDepthUm = 20'000;  // also limits the square root of an area
 constexpr int64_t kMaxShoreQ4 = 100 << 4;
 constexpr int64_t kMaxPressurePa = 100'000'000;
 constexpr int64_t kMaxWhite = int64_t{1} << 20;  // z Q8
 constexpr int64_t kHalfSure = 500;
 constexpr int64_t kSlopeOne = 4'096;
-constexpr int64_t kMaxKind = 1 << 16;   // Q12; of fails, too
+constexpr int64_t kMaxKind = 1 << 16;   // Q12; also for fails
 constexpr int64_t kMaxSlope = 1 << 16;  // Q12
 constexpr int64_t kMaxOdds = 1 << 24;   // Q12, of the table
 
@@ -31,7 +31,7 @@ Status take(Result<T> loaded, T& part) {
   return Unit{};
 }
 
-// log2, Q10, of the mean number of the circle that the flow is on, times 1024.
+// log2, Q10, of the weighted mean index of the circle, times 1024.
 int64_t radius_q10(const Profile& profile) {
   int64_t sum = 0;
   int64_t moment = 0;
@@ -79,9 +79,9 @@ Result<ContactModel> ContactModel::load(const Calibration& c) {
     const char* key;
     int64_t high;
     int64_t* value;
-  } numbers[] = {{"contact_model.most_failing_q12", kMaxKind, &out.most_failing_q12_},
-                 {"contact_model.least_fall_q16", 1 << 16, &out.least_fall_q16_},
-                 {"contact_model.least_force_un", 1'000'000'000, &out.least_force_un_},
+  } numbers[] = {{"contact_model.most_failing_q12", kMaxKind, &out.max_failing_q12_},
+                 {"contact_model.least_fall_q16", 1 << 16, &out.min_fall_q16_},
+                 {"contact_model.least_force_un", 1'000'000'000, &out.min_force_un_},
                  {"contact_model.moment_per_flow", 1'000'000'000, &out.moment_per_flow_},
                  {"contact_model.depth_sigma_um", 10'000, &out.depth_sigma_um_}};
   for (const auto& number : numbers) {
@@ -102,7 +102,7 @@ Status ContactModel::load_strange(const Calibration& c) {
   if (!most) return most.error();
   whitening_.assign(whitening.value()->as<int32_t>().begin(), whitening.value()->as<int32_t>().end());
   mean_.assign(mean.value()->as<int16_t>().begin(), mean.value()->as<int16_t>().end());
-  most_strange_q8_ = most.value();
+  max_strange_q8_ = most.value();
   return Unit{};
 }
 
@@ -166,8 +166,8 @@ ContactModel::Inputs ContactModel::inputs_of(const Profile& profile, int64_t pre
   return x;
 }
 
-// Depths are in Q12 of the profile's size, areas as their roots in um.
-void ContactModel::tell_size(const Inputs& x, const Profile& profile, SaturationCounter& saturations) {
+// Depths are Q12 of the profile's size, areas are given by their square roots in um.
+void ContactModel::estimate_size(const Inputs& x, const Profile& profile, SaturationCounter& saturations) {
   std::array<int64_t, kSizes> y{};
   size_.run(tanh_, x, y, saturations);
   const auto limited = [&](int64_t value) {
@@ -198,8 +198,8 @@ int64_t ContactModel::strange_q8(const Inputs& x) const {
   return square / static_cast<int64_t>(n << 8);
 }
 
-void ContactModel::remember(const Inputs& x, const Profile& profile, const Wrench& wrench,
-                            SaturationCounter& saturations) {
+void ContactModel::accumulate(const Inputs& x, const Profile& profile, const Wrench& wrench,
+                              SaturationCounter& saturations) {
   const int64_t depth = contact_.gel_depth_um;
   const bool is_on_the_way_back = depth + kBackUm < press_.deepest_um;
   press_.deepest_um = std::max(press_.deepest_um, depth);
@@ -208,7 +208,7 @@ void ContactModel::remember(const Inputs& x, const Profile& profile, const Wrenc
   const int64_t side_y = wrench.force_y_un / 1'000;
   const int64_t most = press_mn / kStraightPart;
   const bool is_straight = side_x * side_x + side_y * side_y <= most * most;
-  if (depth < kLeastDepthUm || depth > kMostDepthUm || is_on_the_way_back || !is_straight || press_.n >= kMaxFrames) {
+  if (depth < kMinDepthUm || depth > kMaxDepthUm || is_on_the_way_back || !is_straight || press_.n >= kMaxFrames) {
     return;
   }
   int64_t kind = 0;
@@ -232,13 +232,13 @@ void ContactModel::remember(const Inputs& x, const Profile& profile, const Wrenc
   press_.radius.add(x[Profile::kRings], radius_q10(profile));
 }
 
-void ContactModel::tell_press() {
-  if (press_.n < kLeastFrames) return;
+void ContactModel::estimate_from_press() {
+  if (press_.n < kMinFrames) return;
   const int64_t odds = odds_q12();
   contact_.kind = odds > 0 ? ContactKind::kPlanar : ContactKind::kHertzian;
-  contact_.sure_1e3 = kHalfSure + (kHalfSure * tanh_.tanh_q15(std::abs(odds) / 2) >> 15);
+  contact_.confidence_1e3 = kHalfSure + (kHalfSure * tanh_.tanh_q15(std::abs(odds) / 2) >> 15);
   contact_.is_strange =
-      press_.strange / press_.weight > most_strange_q8_ || floor_div(press_.fails, press_.weight) > most_failing_q12_;
+      press_.strange / press_.weight > max_strange_q8_ || floor_div(press_.fails, press_.weight) > max_failing_q12_;
   const size_t kind = index_of(contact_.kind);
   contact_.shore_q4 = press_.shore[kind] / press_.weight;
   const auto band = static_cast<size_t>(contact_.shore_q4 / (10 << 4));
@@ -254,23 +254,23 @@ void ContactModel::forget() {
   seen_us_ = 0;
 }
 
-void ContactModel::watch_gap(bool is_seen, uint64_t capture_us) {
-  n_unseen_ = is_seen ? 0 : std::min(n_unseen_ + 1, kMostUnseen + 1);
-  const bool is_late = is_seen && seen_us_ != 0 && capture_us > seen_us_ + kMostUnseenUs;
-  if (is_late || n_unseen_ > kMostUnseen) {
+void ContactModel::check_gap(bool is_seen, uint64_t capture_us) {
+  n_unseen_ = is_seen ? 0 : std::min(n_unseen_ + 1, kMaxUnseen + 1);
+  const bool is_late = is_seen && seen_us_ != 0 && capture_us > seen_us_ + kMaxUnseenUs;
+  if (is_late || n_unseen_ > kMaxUnseen) {
     is_interrupted_ = true;
     press_ = {};
   }
   if (is_seen) seen_us_ = capture_us;
 }
 
-const ModelledContact& ContactModel::run(const Profile& profile, const Wrench& wrench, bool is_believed,
+const ModelledContact& ContactModel::run(const Profile& profile, const Wrench& wrench, bool is_trusted,
                                          uint64_t capture_us, SaturationCounter& saturations) {
   contact_ = {};
-  contact_.is_touched = profile.fall_q16 >= least_fall_q16_ && -wrench.force_z_un >= least_force_un_;
-  contact_.is_covered = profile.lost_1e3 > kMostLost1e3;
-  const bool is_seen = is_believed && !contact_.is_covered;
-  watch_gap(is_seen, capture_us);
+  contact_.is_touched = profile.fall_q16 >= min_fall_q16_ && -wrench.force_z_un >= min_force_un_;
+  contact_.is_covered = profile.lost_1e3 > kMaxLost1e3;
+  const bool is_seen = is_trusted && !contact_.is_covered;
+  check_gap(is_seen, capture_us);
   if (!contact_.is_touched) {
     if (is_seen) forget();
     return contact_;
@@ -278,9 +278,9 @@ const ModelledContact& ContactModel::run(const Profile& profile, const Wrench& w
   contact_.mean_flow_um = round_shift(profile.flow_q4, 4);
   contact_.moment_by_flow_unmm = round_shift(profile.flow_q4 * moment_per_flow_, 4);
   inputs_ = inputs_of(profile, -wrench.force_z_un);
-  tell_size(inputs_, profile, saturations);
-  if (is_seen && !is_interrupted_ && !contact_.is_over_range) remember(inputs_, profile, wrench, saturations);
-  tell_press();
+  estimate_size(inputs_, profile, saturations);
+  if (is_seen && !is_interrupted_ && !contact_.is_over_range) accumulate(inputs_, profile, wrench, saturations);
+  estimate_from_press();
   return contact_;
 }
 

@@ -9,7 +9,7 @@ void encode_contact_model(const FrameState& s, const BoardSettings& /*board*/, r
   out.contacts[0].has_model = true;
   out.contacts[0].model = {.depth_validity = to_proto(c.depth_validity),
                            .kind = static_cast<ruffini_ContactKind>(c.kind),
-                           .kind_sure_1e3 = static_cast<uint32_t>(c.sure_1e3),
+                           .kind_sure_1e3 = static_cast<uint32_t>(c.confidence_1e3),
                            .gel_depth_um = static_cast<uint32_t>(c.gel_depth_um),
                            .press_depth_um = static_cast<uint32_t>(c.press_depth_um),
                            .depth_sigma_um = static_cast<uint32_t>(c.depth_sigma_um),

@@ -1,5 +1,6 @@
-// One contact out of the flow of a texture: its profile (stages/contact_model/contact_profile.h), and with the tables how deep, how
-// wide and how hard (stages/contact_model/contact_model.h). Its forces are those of the wrench: there is no field of them.
+// One contact from the flow of a texture: its profile (stages/contact_model/contact_profile.h) and, with the tables,
+// depth, width and hardness (stages/contact_model/contact_model.h). Its forces come from the wrench: there is no force
+// field.
 #include <optional>
 
 #include "core/stages.h"

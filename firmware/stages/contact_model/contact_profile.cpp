@@ -12,7 +12,7 @@ constexpr int kAngles = 32;
 constexpr int kOpposite = kAngles / 2;
 constexpr int kTurnFraction = 14;
 constexpr int64_t kOne = int64_t{1} << kTurnFraction;
-// cos(2 pi i / 32), Q14; the sine is a quarter turn behind.
+// cos(2 pi i / 32), Q14; the sine lags by a quarter turn.
 constexpr std::array<int64_t, kAngles> kCosine = {
     16384,  16069,  15137,  13623,  11585,  9102,  6270,  3196,  0, -3196, -6270, -9102, -11585, -13623, -15137, -16069,
     -16384, -16069, -15137, -13623, -11585, -9102, -6270, -3196, 0, 3196,  6270,  9102,  11585,  13623,  15137,  16069};
@@ -20,7 +20,7 @@ constexpr std::array<int64_t, kAngles> kCosine = {
 constexpr int64_t cosine(int angle) { return kCosine[static_cast<size_t>(angle % kAngles)]; }
 constexpr int64_t sine(int angle) { return cosine(angle + kAngles - kAngles / 4); }
 
-// Catmull-Rom between the second and the third of four in a row, Q14; t of Q14.
+// Catmull-Rom between the second and the third of four values, Q14; t in Q14.
 std::array<int64_t, 4> weights(int64_t t) {
   const int64_t t2 = round_shift(t * t, kTurnFraction);
   const int64_t t3 = round_shift(t2 * t, kTurnFraction);
@@ -54,7 +54,7 @@ const ContactProfile::Point& ContactProfile::flow(int x, int y) const {
   return flow_[static_cast<size_t>(row * lattice_.n_x + column)];
 }
 
-void ContactProfile::take(std::span<const Marker> markers) {
+void ContactProfile::load_flow(std::span<const Marker> markers) {
   const auto um_q4 = [&](ImagePx px) { return round_shift(px.raw() * px_to_um_q20_, 20); };
   std::transform(markers.begin(), markers.end(), flow_.begin(),
                  [&](const Marker& m) { return Point{um_q4(m.displacement_x), um_q4(m.displacement_y)}; });
@@ -170,7 +170,7 @@ int64_t ContactProfile::lost_1e3(std::span<const Marker> markers, const Point& m
 }
 
 const Profile& ContactProfile::run(std::span<const Marker> markers) {
-  take(markers);
+  load_flow(markers);
   find_fall();
   profile_.fall_q16 = std::max<int64_t>(*std::max_element(fall_.begin(), fall_.end()), 0);
   const Point middle = center();

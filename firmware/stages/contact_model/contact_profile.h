@@ -1,17 +1,18 @@
-// What the flow of a texture says of one contact, whoever presses: how dense the patches lie, where its middle is, and
-// how far its surroundings are pushed outwards at each distance from there.
+// Features of one contact in the flow of a texture: density of the patches, centre, and outward displacement of the
+// surroundings at each distance from the centre.
 //
-//   fall      by how much the density of the patches falls: to first order the divergence of the flow, central
-//             differences on the lattice, smoothed by (1 2 1) both ways; Q16
-//   centre    of the fall above 3/10 of its largest value
-//   radial    u_r, the mean over the angles of the flow's radial part, on kRings circles round the centre, a 36th of the
-//             pad's shorter side apart; flow between the patches by Catmull-Rom. A point counts together with the one
-//             opposite, or not at all: what all patches have in common (shear, perspective off the axis) falls out
+//   fall      decrease of the patches' density: to first order the divergence of the flow, central differences on the
+//             lattice, smoothed by (1 2 1) both ways; Q16
+//   centre    centroid of the fall above 3/10 of its largest value
+//   radial    u_r, the angular mean of the flow's radial component on kRings circles around the centre, spaced by a
+//             36th of the pad's shorter side; flow between the patches by Catmull-Rom. A point counts only together
+//             with the opposite one, so that displacement common to all patches (shear, perspective off the axis)
+//             cancels
 //   size      sqrt(sum of u_r^2)
-//   flow      size of the mean of all patches' displacements: the paper's S_t (eq. 7) over their number
+//   flow      magnitude of the mean displacement of all patches: the paper's S_t (eq. 7) over their number
 //
-// Lost patches are filled from their neighbours (image/markers.h); `lost_1e3` is their part of those within the circles.
-// Not in the paper, which takes the density alone. Frame thread; no allocation after the constructor.
+// Lost patches are filled from their neighbours (image/markers.h); `lost_1e3` is their share within the circles. Not in
+// the paper, which uses the density alone. Frame thread; no allocation after the constructor.
 #pragma once
 
 #include <array>
@@ -34,12 +35,12 @@ class ContactProfile {
   [[nodiscard]] const Profile& run(std::span<const Marker> markers);
   // Smoothed fall of the density at each patch of the last frame, Q16.
   [[nodiscard]] std::span<const int32_t> fall() const { return fall_; }
-  // The patches' displacements in the last frame.
+  // Displacements of the patches in the last frame.
   [[nodiscard]] std::span<const FlowPoint> flow() const { return flow_; }
 
  private:
   using Point = FlowPoint;
-  void take(std::span<const Marker> markers);
+  void load_flow(std::span<const Marker> markers);
   void find_fall();
   [[nodiscard]] Point center() const;
   [[nodiscard]] int64_t mean_flow_q4() const;
@@ -51,10 +52,10 @@ class ContactProfile {
   [[nodiscard]] const Point& flow(int x, int y) const;
 
   GridSize lattice_;
-  int64_t px_to_um_q20_;  // um Q4 of a displacement in px Q16
+  int64_t px_to_um_q20_;  // from a displacement in px Q16 to um Q4
   int64_t ring_um_;
   Point pitch_;
-  Point first_;  // of the lattice, and its last patch
+  Point first_;  // first patch of the lattice, and below the last one
   Point last_;
   std::vector<Point> flow_;
   std::vector<int32_t> raw_fall_;

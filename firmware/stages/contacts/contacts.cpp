@@ -9,7 +9,7 @@ ContactFinder::ContactFinder(const NodeGrid& grid, int64_t force_lsb_un, int64_t
       force_lsb_un_(force_lsb_un),
       threshold_lsb_(threshold_lsb),
       components_(grid.size()),
-      sums_(static_cast<size_t>(Components::most(grid.size()))) {}
+      sums_(static_cast<size_t>(Components::max_count(grid.size()))) {}
 
 void ContactFinder::add(int node, uint16_t component, const NodeForce& f, int64_t depth) {
   const int x = node % grid_.size().n_x;

@@ -1,9 +1,9 @@
-// The separate contacts of a frame: area, centre of pressure, force of each.
+// Lists the separate contacts of a frame: area, centre of pressure and force of each.
 //
-// 8-connected components of the contact mask, largest area first (then first node). Area counts the
-// nodes of the mask that press (f_z < 0); the centre of pressure is sum(X f_z) / sum(f_z) over those. A component in which
-// no node presses is no contact: the mask is by the linear solve, which the second pass may contradict. A contact
-// reaches the border where it presses harder than the threshold on a node beside which the camera sees no more pad.
+// Contacts are 8-connected components of the contact mask, largest area first (then by first node). Area counts the
+// nodes of the mask that press (f_z < 0); the centre of pressure is sum(X f_z) / sum(f_z) over those. A component
+// without pressing nodes is dropped: the mask comes from the linear solve, which the second pass may contradict. A
+// contact reaches the border if it exceeds the threshold at a node next to the edge of the visible pad.
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ class ContactFinder {
 
   ContactList find(std::span<const uint8_t> mask, std::span<const NodeForce> force,
                    std::span<const NodeDisplacement> displacement);
-  // Of the last list: for each node the number of its contact, from 1 in the order of first nodes; 0: none.
+  // For the last list: the number of each node's contact, from 1 in the order of first nodes; 0: none.
   [[nodiscard]] std::span<const uint16_t> component() const { return components_.label(); }
 
  private:

@@ -3,7 +3,7 @@
 namespace ruffini {
 
 void encode_slip(const FrameState& s, const BoardSettings& /*board*/, ruffini_Contacts& out) {
-  // Stick and slip are read off shear and pressure: without both in newtons they are not measured.
+  // Stick and slip are derived from shear and pressure: they are not measured unless both are in newtons.
   if (s.force.xy != Validity::kValid || s.force.z != Validity::kValid) return;
   for (size_t i = 0; i < out.contacts_count; ++i) {
     const ContactSlip& slip = s.slip.contact[i];

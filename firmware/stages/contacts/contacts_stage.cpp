@@ -1,4 +1,5 @@
-// The separate contacts of a field of nodal forces (stages/contacts/contacts.h), and stick or slip of each (stages/contacts/slip.h).
+// Separate contacts of a field of nodal forces (stages/contacts/contacts.h), and the slip state of each
+// (stages/contacts/slip.h).
 #include "core/stages.h"
 #include "solve/contact_mask.h"
 #include "stages/contacts/contacts.h"

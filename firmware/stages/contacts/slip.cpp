@@ -10,15 +10,16 @@ namespace {
 
 constexpr int64_t kOneQ16 = 1 << 16;
 constexpr int64_t kSlack = SlipTracker::kSlackUm << DisplacementUm::kFrac;
-constexpr int64_t kPeakPart = 5;  // nodes of a fifth of the contact's largest pressure and more are its area
+constexpr int64_t kPeakPart = 5;  // the area consists of nodes above a fifth of the contact's largest pressure
 constexpr int kMaxDepth = 7;
-constexpr int kMinHeld = 4;         // nodes, to tell anything
-constexpr int kMinTurned = 9;       // nodes, to tell a turn
-constexpr int64_t kMinSpread = 64;  // 2^20 um^2 times weight: a turn is then known to 2 %
+constexpr int kMinHeld = 4;         // minimum number of nodes for any result
+constexpr int kMinTurned = 9;       // minimum number of nodes for a rotation
+constexpr int64_t kMinSpread = 64;  // 2^20 um^2 times weight: gives the rotation to 2 %
 constexpr int64_t kMaxRatio = 16 * kOneQ16;
-constexpr uint8_t kHasSlid = 4;  // beside the state in Memory::phase
+constexpr uint8_t kHasSlid = 4;  // bit in Memory::phase beside the state
 
-// 1000 (1 - (1 - x)^(2/3)) at x = 0, 1/32, ... 1: slipping share of a ball's contact that uses x of its friction.
+// 1000 (1 - (1 - x)^(2/3)) at x = 0, 1/32, ... 1: slipping share of a ball's contact that uses the fraction x of its
+// friction.
 constexpr std::array<int32_t, 33> kShare{0,   21,  42,  64,  85,  107, 129, 152, 175, 198, 221,
                                          245, 269, 294, 319, 344, 370, 397, 424, 451, 480, 509,
                                          539, 571, 603, 637, 672, 710, 750, 794, 843, 901, 1000};
@@ -30,7 +31,7 @@ int64_t share_of_used(int64_t used_1024) {
   return (kShare[at] * (32 - part) + kShare[at + 1] * part) >> 5;
 }
 
-// The largest integer whose square is not above x.
+// Returns the largest integer whose square is not above x.
 int64_t square_root(uint64_t x) {
   uint64_t root = 0;
   for (uint64_t bit = uint64_t{1} << 31; bit != 0; bit >>= 1) {
@@ -61,15 +62,15 @@ struct Load {
     const auto size = [](int64_t v) { return static_cast<uint64_t>(v < 0 ? -v : v); };
     return std::max({size(x), size(y), size(n)});
   }
-  [[nodiscard]] Load shifted(int by) const { return {x >> by, y >> by, n >> by, count}; }
+  [[nodiscard]] Load shift_saturating(int by) const { return {x >> by, y >> by, n >> by, count}; }
 };
 
-// What the forces say of a contact, ratios in Q16.
+// Contact quantities derived from the forces, ratios in Q16.
 struct Ratios {
-  bool is_known = false;  // there is a core and a rim
+  bool is_known = false;  // the contact has a core and a rim
   int64_t tangential = 0;
   int64_t normal = 0;
-  int shift = 0;  // of these two: both fit 30 bits
+  int shift = 0;  // common shift of these two, so that both fit 30 bits
   int64_t whole = 0;
   int64_t rim = 0;
   int64_t evenness_1e3 = 0;
@@ -82,8 +83,8 @@ int64_t ratio_q16(int64_t shear, int64_t pressure) {
 Ratios ratios_of(const Load& all, const Load& edge) {
   Ratios r;
   r.shift = std::max(static_cast<int>(std::bit_width(std::max(all.largest(), edge.largest()))) - 30, 0);
-  const Load whole = all.shifted(r.shift);
-  const Load rim = edge.shifted(r.shift);
+  const Load whole = all.shift_saturating(r.shift);
+  const Load rim = edge.shift_saturating(r.shift);
   r.is_known = rim.count < whole.count && rim.n > 0 && whole.n > rim.n;
   if (!r.is_known) return r;
   r.normal = whole.n;
@@ -96,7 +97,7 @@ Ratios ratios_of(const Load& all, const Load& edge) {
   return r;
 }
 
-// State from friction that is known, which it corrects. Limits with a little hysteresis.
+// Determines the state from the known friction, and corrects the friction. The limits have a small hysteresis.
 SlipState state_of(const Ratios& r, SlipState before, int64_t& friction) {
   if (r.evenness_1e3 >= 880 && 100 * r.whole >= 85 * friction) {
     friction += floor_div(r.whole - friction, 4);
@@ -191,7 +192,7 @@ int64_t SlipTracker::weight(int32_t node) const {
   return d * d * d * d;
 }
 
-// Bounds: weight < 2^12, place < 2^18 um, moved < 2^18, nodes < 2^14: every sum below 2^62.
+// Bounds: weight < 2^12, position < 2^18 um, motion < 2^18, nodes < 2^14: every sum is below 2^62.
 SlipTracker::Motion SlipTracker::motion(Members members, std::span<const NodeDisplacement> displacement) const {
   const auto for_held = [&](auto work) {
     for (const int32_t node : members) {
@@ -227,7 +228,7 @@ SlipTracker::Motion SlipTracker::motion(Members members, std::span<const NodeDis
   return m;
 }
 
-// Anchors go with the indenter; a node that it left behind drags its own along. Returns how many slip.
+// Moves anchors with the indenter; a node that lags behind drags its own. Returns the number of slipping nodes.
 int SlipTracker::follow(Members members, const Motion& motion, std::span<const NodeDisplacement> displacement) {
   int n_slipped = 0;
   for (const int32_t node : members) {
@@ -304,7 +305,7 @@ ContactSlip SlipTracker::judge(Members members, std::span<const NodeForce> force
   return slip;
 }
 
-// Nodes at nine tenths of the friction slip as well, all of them where the contact slides.
+// Nodes at nine tenths of the friction slip as well; all nodes do if the contact slides.
 void SlipTracker::mark(Members members, std::span<const NodeForce> force, SlipState state, int64_t friction) {
   for (const int32_t node : members) {
     const auto i = static_cast<size_t>(node);

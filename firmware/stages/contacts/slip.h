@@ -1,16 +1,18 @@
-// Stick and slip: at every node, and how near each contact is to sliding. Not in the papers.
+// Stick and slip of every node, and how close each contact is to sliding. Not in the papers.
 //
-// Two independent signs, both of one frame after the other:
-//   kinematic  Nodes that stick move with the indenter as one body. Its motion is that of the contact's middle, which
-//              slips last: least squares over the nodes held since the last frame, weight depth^4 (steps to the rim).
-//              A node more than kSlackUm off that motion slips; its place is then dragged along (a friction slider).
-//   static     Coulomb: where all slips, shear over pressure is the same everywhere. evenness = that ratio in the
-//              core over that at the rim: about 0.4 under a ball that sticks, 1 where it slides.
-// Friction mu is the rim's ratio when both first agree that slip has begun (nodes slipping >= 35 %, evenness >= 0.6),
-// follows it upwards, and is the contact's own |F_t| / F_n once that is even (0.88). Then |F_t| / (mu F_n) tells the
-// state, and Mindlin's law 1 - (1 - |F_t| / (mu F_n))^(2/3) the share that slips. Nodes remember friction and
-// state, so contacts need no identity. Before friction is known: share of slipping nodes, no margin.
-// Translation only: a pure twist shows in the nodes, not in the state. A rolling ball does not slip.
+// Two independent indicators, both from the change between consecutive frames:
+//   kinematic  Sticking nodes move with the indenter as one body. Its motion is that of the contact's centre, which
+//              slips last: least squares over the nodes held since the last frame, with weight depth^4 (steps to the
+//              rim). A node more than kSlackUm off that motion slips, and its anchor is dragged along (a friction
+//              slider).
+//   static     Coulomb friction: if everything slips, shear over pressure is uniform. evenness = that ratio in the
+//              core over that at the rim: about 0.4 under a sticking ball, 1 under a sliding one.
+// Friction mu is the rim's ratio when both indicators first agree that slip has begun (nodes slipping >= 35 %, evenness
+// >= 0.6); it follows increases, and equals the contact's own |F_t| / F_n once that is even (0.88). Then |F_t| / (mu
+// F_n) determines the state, and Mindlin's law 1 - (1 - |F_t| / (mu F_n))^(2/3) the slipping share. Nodes store
+// friction and state, so contacts need no identity. Before friction is known, only the share of slipping nodes is
+// available, and no margin. Limits: translation only, so pure twist appears in the nodes but not in the state; a
+// rolling ball does not slip.
 //
 // Frame thread; no allocation after the constructor; a few passes over the touched nodes.
 #pragma once
@@ -29,14 +31,14 @@ namespace ruffini {
 
 class SlipTracker {
  public:
-  static constexpr int64_t kSlackUm = 15;  // three standard deviations of a marker's place
+  static constexpr int64_t kSlackUm = 15;  // three standard deviations of a marker's position
 
   SlipTracker(const NodeGrid& grid, int64_t force_lsb_un);
 
-  // `component` is the contact finder's: the number of the contact that each node belongs to.
+  // `component`: from ContactFinder, the number of the contact that each node belongs to.
   void track(const ContactList& contacts, std::span<const uint16_t> component, std::span<const NodeForce> force,
              std::span<const NodeDisplacement> displacement);
-  // The next frame is the first one.
+  // Resets the history: the next frame is the first one.
   void forget();
 
   [[nodiscard]] std::span<const NodeSlip> nodes() const { return state_; }
@@ -49,12 +51,12 @@ class SlipTracker {
     int64_t y = 0;
   };
   struct Memory {
-    Place anchor;          // where the node would be if it had stuck, 1/8 um
+    Place anchor;          // position of the node if it had stuck, 1/8 um
     int64_t friction = 0;  // Q16
-    uint8_t phase = 0;     // SlipState, and whether it has slid
-    bool is_held = false;  // pressed in the last frame
+    uint8_t phase = 0;     // SlipState, and a bit if it has slid
+    bool is_held = false;  // pressed in the previous frame
   };
-  // The indenter's motion since the last frame, 1/8 um, and its turn, Q20 of that per um, about a place in um.
+  // Motion of the indenter since the previous frame, 1/8 um, and its rotation, Q20 of that per um, about a point in um.
   struct Motion {
     Place about;
     Place go;
@@ -78,9 +80,9 @@ class SlipTracker {
   std::vector<int32_t> y_um_;  // of each row
   std::vector<Memory> memory_;
   std::vector<NodeSlip> state_;
-  std::vector<uint8_t> depth_;  // steps to the rim, which has 1; 0: not pressed
+  std::vector<uint8_t> depth_;  // steps to the rim, where it is 1; 0: not pressed
   std::vector<int32_t> pressed_;
-  std::array<size_t, ContactList::kMax + 1> begin_{};  // of each contact's nodes in pressed_
+  std::array<size_t, ContactList::kMax + 1> begin_{};  // index of each contact's first node in pressed_
   std::array<ContactSlip, ContactList::kMax> contacts_{};
 };
 

@@ -1,4 +1,4 @@
-// Relative change of each pixel against rest, and its grey (image/difference.h).
+// Relative change of each pixel from rest, and grey (image/difference.h).
 #include "core/stages.h"
 #include "image/difference.h"
 
@@ -17,7 +17,7 @@ class DifferenceStage final : public Stage {
     difference_.grey.resize(n);
   }
 
-  // Grey of rest as of a frame (image/difference.h), from 1/16 levels.
+  // Grey of the rest image in the format of a frame (image/difference.h), from 1/16 levels.
   void learn(std::span<const uint16_t> rest) override {
     for (size_t i = 0; i < difference_.grey.size(); ++i) {
       const int sum = rest[3 * i] + 2 * rest[3 * i + 1] + rest[3 * i + 2];
@@ -27,7 +27,7 @@ class DifferenceStage final : public Stage {
 
   void run(Frame& frame) override {
     difference_.exposure = difference(frame.view, rest_, difference_.change, difference_.grey);
-    // Of several views one may be dark.
+    // One of several views may be dark.
     if (difference_.exposure.dark * 2 > n_pixels_ * (2 * n_views_ - 1) / n_views_) frame.flags |= kFlagDark;
     if (difference_.exposure.full * 20 > n_pixels_) frame.flags |= kFlagOverexposed;
   }

@@ -1,5 +1,5 @@
-// Drift of lamps and exposure (image/light.h), followed from the next frame on: this one is as it was compared. For boards
-// that turn colours into depth, and for those with targets, whose light tells whether they can be measured.
+// Drift of lamps and exposure (image/light.h), corrected from the next frame on; the current frame has been compared
+// already. For boards that convert colours to depth, and for boards with targets, which the light must show.
 #include <algorithm>
 #include <cstdlib>
 
@@ -9,8 +9,8 @@
 namespace ruffini {
 namespace {
 
-// Light that for so many frames was further than 0.05 % from what is followed (image/light.h takes a sixteenth a frame)
-// makes depth that a faint touch cannot be told from. A touch moves it less, or begins earlier.
+// Light that deviates by more than 0.05 % from the followed light for this many frames (image/light.h follows a
+// sixteenth per frame) causes depth like that of a faint touch. A touch changes the light less, or begins earlier.
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
 
@@ -47,7 +47,7 @@ class LightStage final : public Stage {
     const bool has_settled = std::equal(before.begin(), before.end(), light_.gain.begin(),
                                         [](int32_t a, int32_t b) { return std::abs(a - b) < kDriftGain; });
     n_drifting_ = has_settled || is_balanced ? 0 : std::min(n_drifting_ + 1, kDriftFrames);
-    const auto& touched = solve_.mask;  // by the frame before: what has begun goes on
+    const auto& touched = solve_.mask;  // of the previous frame: an existing contact continues
     light_.is_steady =
         n_drifting_ < kDriftFrames || std::any_of(touched.begin(), touched.end(), [](uint8_t m) { return m != 0; });
     if (is_off(is_balanced)) frame.flags |= kFlagLight;
@@ -57,7 +57,7 @@ class LightStage final : public Stage {
   [[nodiscard]] bool has_targets() const { return !targets_.target.empty(); }
 
   [[nodiscard]] bool is_off(bool is_balanced) {
-    if (is_balanced ? !tracker_.level_is_sure() || tracker_.map().is_off() : tracker_.is_off()) return true;
+    if (is_balanced ? !tracker_.is_level_reliable() || tracker_.map().is_off() : tracker_.is_off()) return true;
     const int daylight_q12 = has_targets() ? LightTracker::kTiltedQ12 : LightTracker::kDaylightQ12;
     const LightLevel usual = is_balanced ? tracker_.level() : LightLevel{};
     if (tracker_.is_lit_from_outside(daylight_q12, usual)) return true;
@@ -65,9 +65,9 @@ class LightStage final : public Stage {
   }
 
   bool makes_slopes_;
-  bool has_colours_ = false;  // they become slopes or depth
+  bool has_colours_ = false;  // colours are converted to slopes or depth
   LightTracker tracker_;
-  int n_drifting_ = 0;  // frames in a row, up to kDriftFrames
+  int n_drifting_ = 0;  // consecutive frames, up to kDriftFrames
   Rest& rest_;
   const SlotData<Slot::kDifference>& difference_;
   const SlotData<Slot::kMarkers>& markers_;

@@ -1,5 +1,5 @@
-// Markers and depth -> displacement of the nodes (image/displacement.h); the free constant of a depth by a gauge
-// (estimators/depth_gauge.h), depth by the markers (estimators/marker_depth.h), and the creep of a pad that nothing touches
+// Displacement of the nodes from markers and depth (image/displacement.h). Includes the unknown constant of depth
+// (estimators/depth_gauge.h), depth from markers (estimators/marker_depth.h), and the creep of an untouched pad
 // (estimators/zero_follower.h).
 #include <algorithm>
 #include <optional>
@@ -47,7 +47,7 @@ class DisplacementStage final : public Stage {
   }
 
   void run(Frame& frame) override {
-    // A table of other optics gives a depth to look at, not one to make forces of.
+    // Depth from tables for other optics is for display only, not for forces.
     const bool is_trusted = depth_.is_trusted;
     displacement_.run(markers_.marker,
                       is_trusted ? std::span<const DisplacementUm>(depth_.cell) : std::span<const DisplacementUm>(),
@@ -78,8 +78,8 @@ class DisplacementStage final : public Stage {
   int64_t limit_q3_;
   ZeroFollower zero_;
   std::optional<CameraMap> camera_map_;
-  std::optional<DepthGauge> gauge_;          // of boards whose gauge is a table
-  std::optional<MarkerDepth> marker_depth_;  // of boards whose depth comes from the markers
+  std::optional<DepthGauge> gauge_;          // for boards whose gauge is a table
+  std::optional<MarkerDepth> marker_depth_;  // for boards whose depth comes from the markers
   const SlotData<Slot::kMarkers>& markers_;
   SlotData<Slot::kDepth>& depth_;
   SlotData<Slot::kDisplacement>& out_;

@@ -11,14 +11,14 @@ namespace {
 
 enum MotionOf : size_t { kShiftX, kShiftY, kTurn, kZoom };
 
-constexpr int64_t kLeastUn = 90'000;
+constexpr int64_t kMinUn = 90'000;
 constexpr int64_t kPart = 12;
-constexpr int kUnitShift = 6;                      // of turn and zoom: a 64th
-constexpr int64_t kMostUn = int64_t{1} << 36;      // of forces and responses
-constexpr int64_t kMostShift = int64_t{1} << 24;   // 256 px
-constexpr int64_t kMostStrain = int64_t{1} << 20;  // 1
-constexpr int64_t kMostPitch = int64_t{1} << 40;   // of what one marker's place adds to a sum
-constexpr int kPixel = 16;                         // fraction bits
+constexpr int kUnitShift = 6;                     // of turn and zoom: a 64th
+constexpr int64_t kMaxUn = int64_t{1} << 36;      // of forces and responses
+constexpr int64_t kMaxShift = int64_t{1} << 24;   // 256 px
+constexpr int64_t kMaxStrain = int64_t{1} << 20;  // 1
+constexpr int64_t kMaxPitch = int64_t{1} << 40;   // of what one marker's place adds to a sum
+constexpr int kPixel = 16;                        // fraction bits
 constexpr int kStrain = 20;
 
 int64_t within(int64_t value, int64_t most) { return std::clamp(value, -most, most); }
@@ -47,10 +47,10 @@ CornerMotion::Corner CornerMotion::corner(std::span<const Marker> markers, int f
   // sum of (2 i - (n - 1))^2 over n x n places = n^2 (n^2 - 1) / 3
   const int64_t square = int64_t{side} * side * (int64_t{side} * side - 1) / 3;
   const auto slope = [&](int64_t sum, int64_t pitch_q16) {
-    return within(floor_div(within(sum, kMostPitch) << kStrain, square * pitch_q16), kMostStrain);
+    return within(floor_div(within(sum, kMaxPitch) << kStrain, square * pitch_q16), kMaxStrain);
   };
-  out.value[kShiftX] = within(floor_div(x, int64_t{side} * side), kMostShift);
-  out.value[kShiftY] = within(floor_div(y, int64_t{side} * side), kMostShift);
+  out.value[kShiftX] = within(floor_div(x, int64_t{side} * side), kMaxShift);
+  out.value[kShiftY] = within(floor_div(y, int64_t{side} * side), kMaxShift);
   out.value[kTurn] = slope(y_x, pitch_x_q16_) - slope(x_y, pitch_y_q16_);
   out.value[kZoom] = slope(x_x, pitch_x_q16_) + slope(y_y, pitch_y_q16_);
   return out;
@@ -96,7 +96,7 @@ void CornerMotion::learn(std::span<const Marker> markers, const FeatureWrench& w
     }
     const Wrench answer = wrench.linear_part(features);
     response_un_[motion] = {answer.force_x_un, answer.force_y_un, answer.force_z_un};
-    for (int64_t& force : response_un_[motion]) force = std::min(std::abs(force), kMostUn);
+    for (int64_t& force : response_un_[motion]) force = std::min(std::abs(force), kMaxUn);
   }
 }
 
@@ -104,14 +104,14 @@ bool CornerMotion::has_moved(std::span<const Marker> markers, const Wrench& wren
   const Motion seen = motion(markers);
   const int64_t smaller = seen.turn_q20 * seen.turn_q20 >> (kStrain + 1);
   const std::array<int64_t, kMotions> size{seen.shift_x_q16, seen.shift_y_q16, seen.turn_q20, seen.zoom_q20 + smaller};
-  const auto held = [](int64_t force_un) { return std::min(std::abs(force_un), kMostUn); };
+  const auto held = [](int64_t force_un) { return std::min(std::abs(force_un), kMaxUn); };
   const int64_t force_un = held(wrench.force_x_un) + held(wrench.force_y_un) + held(wrench.force_z_un);
   for (size_t axis = 0; axis < kAxes; ++axis) {
     int64_t made_un = 0;
     for (size_t m = 0; m < kMotions; ++m) {
       made_un += response_un_[m][axis] * size[m] >> (m < kTurn ? kPixel : kStrain - kUnitShift);
     }
-    if (made_un > kLeastUn + force_un / kPart) return true;
+    if (made_un > kMinUn + force_un / kPart) return true;
   }
   return false;
 }

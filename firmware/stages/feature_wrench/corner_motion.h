@@ -1,8 +1,9 @@
-// Detects motion of the camera against the pad by its corners, for boards whose wrench is linear in markers' shifts.
+// Detects motion of the camera against the pad from its corners, for boards whose wrench is linear in the markers'
+// shifts.
 //
-// Top and two sides of a pad are free at its corner: no stress, so no strain there, wherever a contact presses. A zoom
-// is strain all over. Per corner, least squares over kSide x kSide markers (a corner where more than a quarter of them
-// are lost says 0):
+// Top and two sides of a pad are free at its corner: without stress there is no strain, wherever a contact presses. A
+// zoom looks like strain everywhere. For each corner, least squares over kSide x kSide markers (0 if more than a
+// quarter of them are lost):
 //   shift    mean displacement
 //   turn     (du_y/dx - du_x/dy) / 2
 //   zoom     (du_x/dx + du_y/dy) / 2 =: s; a wide contact stretches the corner, and more so over kWide x kWide markers:
@@ -10,7 +11,7 @@
 // Each is what three of four corners have in common (estimators/common_part.h). What it adds to the force along an axis
 // follows from the wrench's own gain, R = dF/d(shift, turn, zoom):
 //   dF = |R_x| |shift x| + |R_y| |shift y| + |R_turn| |turn| + |R_zoom| (|zoom| + turn^2 / 2)
-// moved: dF > kLeastUn + (|F_x| + |F_y| + |F_z|) / kPart along any axis. turn^2 / 2: a turned picture is a smaller one.
+// moved: dF > kMinUn + (|F_x| + |F_y| + |F_z|) / kPart along any axis. turn^2 / 2: a turned picture is a smaller one.
 //
 // Presses of 0.05 to 70 N on the twin of a soft pad, discs, balls and squares of 6 to 20 mm, sheared and turned, leave at
 // most 0.06 of their force, or 0.05 N. Limits: a contact that reaches two corners; a smaller effect; what a kernel adds
@@ -33,7 +34,7 @@ class CornerMotion {
  public:
   static constexpr int kSide = 7;
   static constexpr int kWide = 9;
-  static constexpr int kLeast = 2 * kWide;  // markers along each axis
+  static constexpr int kMinMarkers = 2 * kWide;  // markers along each axis
 
   // What three corners have in common, without sign: px Q16, and Q20.
   struct Motion {
@@ -45,10 +46,10 @@ class CornerMotion {
 
   explicit CornerMotion(GridSize lattice) : lattice_(lattice) {}
 
-  // A new rest: where the markers are, and how the wrench answers to motions.
+  // Sets a new rest image: marker positions, and the response of the wrench to motions.
   void learn(std::span<const Marker> markers, const FeatureWrench& wrench);
   [[nodiscard]] Motion motion(std::span<const Marker> markers) const;
-  // Precondition: learn() was called. Never with fewer than kLeast markers.
+  // Precondition: learn() was called. Always false with fewer than kMinMarkers markers.
   [[nodiscard]] bool has_moved(std::span<const Marker> markers, const Wrench& wrench) const;
 
  private:
@@ -57,7 +58,7 @@ class CornerMotion {
   struct Corner {
     std::array<int64_t, kMotions> value{};  // as Motion, with sign
   };
-  [[nodiscard]] bool is_large_enough() const { return lattice_.n_x >= kLeast && lattice_.n_y >= kLeast; }
+  [[nodiscard]] bool is_large_enough() const { return lattice_.n_x >= kMinMarkers && lattice_.n_y >= kMinMarkers; }
   [[nodiscard]] Corner corner(std::span<const Marker> markers, int first_x, int first_y, int side) const;
 
   GridSize lattice_;

@@ -1,8 +1,7 @@
-// Wrench of the shifts of targets or markers (stages/feature_wrench/feature_wrench.h), for boards without a field of forces; and
-// whether the camera has moved against the pad (stages/feature_wrench/corner_motion.h).
+// Wrench of the features that another stage writes (stages/feature_wrench/feature_wrench.h), for boards without a field of
+// forces; of markers, whether the camera has moved against the pad (stages/feature_wrench/corner_motion.h).
 #include <algorithm>
 #include <optional>
-#include <vector>
 
 #include "core/stages.h"
 #include "stages/feature_wrench/corner_motion.h"
@@ -23,16 +22,16 @@ class FeatureWrenchStage final : public Stage {
  public:
   explicit FeatureWrenchStage(const StageContext& c)
       : layout_(c.board.markers),
+        features_(c.slots.read<Slot::kFeatures>()),
         markers_(c.slots.read<Slot::kMarkers>()),
-        targets_(c.slots.read<Slot::kTargets>()),
         wrench_(c.slots.write<Slot::kWrench>()),
         covariance_(c.slots.write<Slot::kCovariance>()) {}
 
   Status load(const Calibration& calibration) override {
-    const size_t n = has_targets() ? 3 * targets_.target.size() : 2 * markers_.marker.size();
-    features_.resize(n);
-    if (!has_targets() && !layout_.has_views && !layout_.is_scattered) corner_motion_.emplace(layout_.lattice);
-    return keep(FeatureWrench::load(calibration, has_targets() ? "targets" : "markers", static_cast<int>(n)), map_);
+    const bool is_lattice = !markers_.marker.empty() && !layout_.has_views && !layout_.is_scattered;
+    if (is_lattice) corner_motion_.emplace(layout_.lattice);
+    const auto n = static_cast<int>(features_.value.size());
+    return keep(FeatureWrench::load(calibration, features_.sort, n), map_);
   }
 
   [[nodiscard]] bool writes(Slot /*slot*/) const override { return map_.has_value(); }
@@ -42,10 +41,9 @@ class FeatureWrenchStage final : public Stage {
   }
 
   void run(Frame& frame) override {
-    take_features(frame.saturations);
     // A frame that is wrong is not remembered.
     const uint64_t capture_us = frame.is_wrong() ? 0 : frame.capture_us;
-    const FeatureWrench::Outcome said = map_->run(features_, frame.warmth, capture_us, frame.saturations);
+    const FeatureWrench::Outcome said = map_->run(features_.value, frame.warmth, capture_us, frame.saturations);
     wrench_.sum = said.wrench;
     covariance_.wrench = said.covariance;
     covariance_.is_stated = true;
@@ -71,32 +69,11 @@ class FeatureWrenchStage final : public Stage {
   void forget() override { map_->forget(); }
 
  private:
-  [[nodiscard]] bool has_targets() const { return !targets_.target.empty(); }
-
-  // Shifts in px Q16, changes of area in px^2 Q8.
-  void take_features(SaturationCounter& saturations) {
-    auto out = features_.begin();
-    const auto put = [&](int64_t value) { *out++ = saturate_raw<int32_t>(value, saturations); };
-    if (has_targets()) {
-      for (const Target& t : targets_.target) {
-        put(t.now.x_q16 - t.rest.x_q16);
-        put(t.now.y_q16 - t.rest.y_q16);
-        put(t.now.area_q8 - t.rest.area_q8);
-      }
-      return;
-    }
-    for (const Marker& m : markers_.marker) {
-      put(m.displacement_x.raw());
-      put(m.displacement_y.raw());
-    }
-  }
-
   MarkerSettings layout_;
   std::optional<FeatureWrench> map_;
   std::optional<CornerMotion> corner_motion_;  // where the features are markers of one lattice
-  std::vector<int32_t> features_;
+  const SlotData<Slot::kFeatures>& features_;
   const SlotData<Slot::kMarkers>& markers_;
-  const SlotData<Slot::kTargets>& targets_;
   SlotData<Slot::kWrench>& wrench_;
   SlotData<Slot::kCovariance>& covariance_;
 };

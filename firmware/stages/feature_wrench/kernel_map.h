@@ -1,4 +1,4 @@
-// Nonlinear part of a wrench of image features: landmarks of the log and a kernel of the distance to them.
+// Nonlinear part of a wrench from image features: a kernel of the distance to landmarks of the log.
 //
 //   z   = P f                          d x n, in lengths of the kernel, Q20, within +-64
 //   D_j = |z - c_j|                    to landmark j

@@ -11,17 +11,17 @@ namespace ruffini {
 namespace {
 
 enum Quantity : size_t { kForce, kWay, kX, kY, kTiltX, kTiltY, kSide };
-constexpr int64_t kSureArea = 5;  // an area is told where it is so many times its deviation
+constexpr int64_t kSureArea = 5;  // an area is reported if it is this many times its deviation
 constexpr int64_t kMillion = 1'000'000;
-constexpr int64_t kMaxTilt = 900'000;  // of the tool's axis beside the place that it presses, 1e-6
-// A hostile table's network says anything: squares and products of these stay inside 63 bits.
+constexpr int64_t kMaxTilt = 900'000;  // of the tool's axis beside the pressed place, 1e-6
+// Bounds for arbitrary network outputs of a hostile table: squares and products stay within 63 bits.
 constexpr int64_t kMaxValue = int64_t{1} << 30;
 constexpr int64_t kMaxSigma = int64_t{1} << 28;
 static_assert(kSureArea * 2 * kMaxValue * kMaxSigma < int64_t{1} << 62);
 constexpr int kUnit = 14;
 using Vector = TipField::Vector;
 
-// 2^q, straight between whole q, Q16; q within -12 and 8.
+// 2^q, linear between whole q, Q16; q within -12 and 8.
 int64_t power_of_two_q16(int64_t q_q16) {
   const int64_t q = std::clamp<int64_t>(q_q16, -12 * 65536, 8 * 65536);
   const int64_t whole = q >> 16;
@@ -41,7 +41,7 @@ int64_t held(int64_t value, int64_t limit, SaturationCounter& saturations) {
   return std::clamp(value, -limit, limit);
 }
 
-// Those of the left eye come first.
+// Markers of the left eye come first.
 std::span<const Marker> of_eye(std::span<const Marker> markers, size_t eye) {
   const size_t n = markers.size() / TipField::kEyes;
   return markers.subspan(eye * n, n);
@@ -77,7 +77,7 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
     if (!*each) return each->error();
   }
   if (!most) return most.error();
-  out.most_un_ = most.value();
+  out.max_un_ = most.value();
   const auto z = zero.value()->as<int32_t>(), s = scale.value()->as<int32_t>(), t = trust.value()->as<int32_t>();
   for (size_t i = 0; i < kQuantities; ++i) {
     if (std::abs(int64_t{z[i]}) > 1 << 24 || s[i] < 1 || s[i] > 1 << 24) {
@@ -94,7 +94,7 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
   return out;
 }
 
-void Fingertip::turn_back(const Numbers& value, TipTouch& touch) const {
+void Fingertip::rotate_back(const Numbers& value, TipTouch& touch) const {
   int64_t tx = std::clamp(value[kTiltX], -kMaxTilt, kMaxTilt);
   int64_t ty = std::clamp(value[kTiltY], -kMaxTilt, kMaxTilt);
   if (const int64_t tilt = floor_sqrt(tx * tx + ty * ty); tilt > kMaxTilt) {
@@ -107,7 +107,7 @@ void Fingertip::turn_back(const Numbers& value, TipTouch& touch) const {
   const int64_t cos_roll = root_left(t[1], 0);
   touch.roll_urad = atan2_urad(-t[1], cos_roll);
   touch.pitch_urad = atan2_urad(t[0], t[2]);
-  // The tool's place is square to its axis.
+  // The tool's position is perpendicular to its axis.
   const int64_t along = rounded_div(-(value[kX] * tx + value[kY] * ty), tz);
   const Vector at = turned_back(field_.turn(), {value[kX], value[kY], along});
   const auto part = [&](int64_t of) { return std::clamp(rounded_div(of * kMillion, cos_roll), -kMillion, kMillion); };
@@ -123,16 +123,16 @@ void Fingertip::learn(std::span<const Marker> markers) {
 }
 
 TipTouch Fingertip::run(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations) {
-  TipTouch touch = tell(markers, eyes, saturations);
+  TipTouch touch = estimate(markers, eyes, saturations);
   for (size_t eye = 0; eye < rim_.size(); ++eye) {
     const bool is_blind = eyes == (eye == 0 ? Eyes::kRight : Eyes::kLeft);
-    const bool has_moved = !is_blind && rim_[eye].has_moved(of_eye(markers, eye), touch.force_un, most_un_);
+    const bool has_moved = !is_blind && rim_[eye].has_moved(of_eye(markers, eye), touch.force_un, max_un_);
     touch.has_camera_moved = touch.has_camera_moved || has_moved;
   }
   return touch;
 }
 
-TipTouch Fingertip::tell(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations) {
+TipTouch Fingertip::estimate(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations) {
   TipTouch touch;
   if (!field_.run(markers, eyes)) return touch;
   TipNet& net = nets_[static_cast<size_t>(eyes)];
@@ -147,25 +147,25 @@ TipTouch Fingertip::tell(std::span<const Marker> markers, Eyes eyes, SaturationC
   touch.is_touched = true;
   touch.is_known = net.is_known();
   touch.force_un = std::max<int64_t>(value[kForce], 0);
-  touch.is_in_range = touch.force_un <= most_un_;
-  touch.way_um = value[kWay];
-  // Places and angles are turned together, so each pair has one deviation.
+  touch.is_in_range = touch.force_un <= max_un_;
+  touch.travel_um = value[kWay];
+  // Positions and angles are rotated in pairs, so each pair has one deviation.
   const auto both = [&](size_t a, size_t b) { return floor_sqrt((sigma[a] * sigma[a] + sigma[b] * sigma[b]) / 2); };
   const int64_t place = both(kX, kY), tilt = both(kTiltX, kTiltY);
   touch.sigma = {sigma[kForce], sigma[kWay], place, place, tilt, tilt, 2 * std::abs(value[kSide]) * sigma[kSide]};
   const int64_t area_um2 = value[kSide] * value[kSide];
   if (kSureArea * touch.sigma[6] <= area_um2) touch.area_um2 = area_um2;
   touch.place_q14 = field_.middle();
-  turn_back(value, touch);
-  if (area_ && eyes == Eyes::kBoth) tell_areas(touch);
+  rotate_back(value, touch);
+  if (area_ && eyes == Eyes::kBoth) estimate_areas(touch);
   return touch;
 }
 
-// Where the network is not sure of the face's area, the table's word is told if that is.
-void Fingertip::tell_areas(TipTouch& touch) {
-  const TipAreas areas = area_->run(field_, touch.axis_1e6, touch.force_un, touch.way_um);
-  touch.flat_um2 = areas.flat_um2;
-  touch.flat_sigma_um2 = areas.flat_sigma_um2;
+// Uses the table's face area if the network's is too uncertain and the table's is not.
+void Fingertip::estimate_areas(TipTouch& touch) {
+  const TipAreas areas = area_->run(field_, touch.axis_1e6, touch.force_un, touch.travel_um);
+  touch.flat_area_um2 = areas.flat_area_um2;
+  touch.flat_area_sigma_um2 = areas.flat_area_sigma_um2;
   if (touch.area_um2 != 0 || !touch.is_known || areas.face_um2 == 0 ||
       kSureArea * areas.face_sigma_um2 > areas.face_um2)
     return;

@@ -22,7 +22,7 @@ void encode_tool(const FrameState& s, const BoardSettings& /*board*/, ruffini_Co
   tool.tool_um_count = tool.normal_force_un_count = 3;
   tool.tool_um[0] = as_32(tip.x_um);
   tool.tool_um[1] = as_32(tip.y_um);
-  tool.tool_um[2] = as_32(tip.way_um);
+  tool.tool_um[2] = as_32(tip.travel_um);
   tool.turn_urad_count = 2;
   tool.turn_urad[0] = as_32(tip.roll_urad);
   tool.turn_urad[1] = as_32(tip.pitch_urad);
@@ -32,8 +32,8 @@ void encode_tool(const FrameState& s, const BoardSettings& /*board*/, ruffini_Co
                                      tip.sigma[4], tip.sigma[5], tip.sigma[6] / 1'000};
   std::transform(sigma.begin(), sigma.end(), tool.tool_sigma,
                  [](int64_t v) { return static_cast<uint32_t>(as_32(v)); });
-  tool.flat_area_um2_k = static_cast<uint32_t>(tip.flat_um2 / 1'000);
-  tool.flat_area_sigma_um2_k = static_cast<uint32_t>(tip.flat_sigma_um2 / 1'000);
+  tool.flat_area_um2_k = static_cast<uint32_t>(tip.flat_area_um2 / 1'000);
+  tool.flat_area_sigma_um2_k = static_cast<uint32_t>(tip.flat_area_sigma_um2 / 1'000);
 }
 
 }  // namespace ruffini

@@ -1,5 +1,5 @@
-// What presses on a round fingertip (stages/fingertip/fingertip.h), by the eyes that see. Its touch is a contact on the
-// undeformed dome, seen from above; the force along z is all of the wrench that it measures.
+// Touch of a tool on a round fingertip (stages/fingertip/fingertip.h), using the eyes that see. The touch is reported
+// as a contact on the undeformed dome, seen from above; of the wrench only the force along z is measured.
 #include <array>
 #include <optional>
 
@@ -9,8 +9,8 @@
 namespace ruffini {
 namespace {
 
-constexpr size_t kForceZAlone = 11;  // of the covariance's upper triangle by rows: (2, 2)
-constexpr int kMostUnsureAlone = 1;  // pins of an eye that sees alone, e.g. one at the edge of its view
+constexpr size_t kForceZAlone = 11;  // index (2, 2) of the covariance's upper triangle by rows
+constexpr int kMaxUnsureAlone = 1;   // pins of an eye that sees alone, e.g. one at the edge of its view
 
 class FingertipStage final : public Stage {
  public:
@@ -29,7 +29,7 @@ class FingertipStage final : public Stage {
 
   void learn(std::span<const uint16_t> /*rest*/) override {
     fingertip_->learn(markers_.marker);
-    const auto eyes = seeing([&](size_t eye) { return markers_.view[eye].was_seen_at_rest; });
+    const auto eyes = seeing_eyes([&](size_t eye) { return markers_.view[eye].was_seen_at_rest; });
     is_other_pad_ = eyes && fingertip_->is_other_pad(*eyes);
   }
 
@@ -39,7 +39,7 @@ class FingertipStage final : public Stage {
     contacts_ = {};
     wrench_.sum = {};
     covariance_.wrench = {};
-    const auto eyes = seeing([&](size_t eye) { return !markers_.is_blind(eye, max_lost_); });
+    const auto eyes = seeing_eyes([&](size_t eye) { return !markers_.is_blind(eye, max_lost_); });
     if (!eyes) return;
     tip_ = fingertip_->run(markers_.marker, *eyes, frame.saturations);
     if (are_pins_doubtful(*eyes)) frame.flags |= kFlagMarkersLost;
@@ -55,12 +55,12 @@ class FingertipStage final : public Stage {
                              .center_x_um = round_shift(radius_um_ * tip_.place_q14[0], 14),
                              .center_y_um = round_shift(radius_um_ * tip_.place_q14[1], 14),
                              .force_z_un = wrench_.sum.force_z_un,
-                             .peak_depth_nm = -1'000 * tip_.way_um};
+                             .peak_depth_nm = -1'000 * tip_.travel_um};
   }
 
   void judge(uint32_t& flags) override {
     flags &= ~(kFlagUncalibratedXy | kFlagUncalibratedZ);
-    // What one eye does not feel may be there.
+    // One eye alone cannot exclude a touch that it does not see.
     const bool is_unseen = !tip_.is_touched && (flags & kFlagViewLost) != 0;
     force_.xy = Validity::kNotMeasured;
     force_.z = is_unseen ? Validity::kInvalid : validity_of(flags, true);
@@ -71,13 +71,13 @@ class FingertipStage final : public Stage {
   }
 
  private:
-  // Where some pins are known to be seen wrong there may be more; an eye alone has less to contradict it.
+  // If some pins are known to be wrong, others may be too; a single eye has less to contradict it.
   [[nodiscard]] bool are_pins_doubtful(Eyes eyes) const {
     const int n_contradicted = fingertip_->n_contradicted();
     if (eyes == Eyes::kBoth) {
-      return markers_.view[0].n_unsure + markers_.view[1].n_unsure + n_contradicted > max_lost_;
+      return markers_.view[0].n_low_confidence + markers_.view[1].n_low_confidence + n_contradicted > max_lost_;
     }
-    return markers_.view[eyes == Eyes::kLeft ? 0 : 1].n_unsure > kMostUnsureAlone || n_contradicted > max_lost_;
+    return markers_.view[eyes == Eyes::kLeft ? 0 : 1].n_low_confidence > kMaxUnsureAlone || n_contradicted > max_lost_;
   }
 
   int64_t radius_um_;

@@ -8,12 +8,12 @@
 namespace ruffini {
 namespace {
 
-constexpr size_t kPart = 5;               // of the pins
-constexpr int64_t kShift = 7'864;         // 0.12 px
-constexpr int64_t kShiftAtMost = 78'643;  // 1.2 px
-constexpr int64_t kZoom = 3'932;          // 0.06 px
-constexpr int64_t kZoomAtMost = 39'322;   // 0.6 px
-constexpr int kPlaceShift = 8;            // of squares: Q8 px
+constexpr size_t kPart = 5;              // of the pins
+constexpr int64_t kShift = 7'864;        // 0.12 px
+constexpr int64_t kShiftAtMax = 78'643;  // 1.2 px
+constexpr int64_t kZoom = 3'932;         // 0.06 px
+constexpr int64_t kZoomAtMax = 39'322;   // 0.6 px
+constexpr int kPlaceShift = 8;           // of squares: Q8 px
 
 enum Sector : size_t { kRight, kLeft, kBelow, kAbove };
 
@@ -22,7 +22,7 @@ enum Sector : size_t { kRight, kLeft, kBelow, kAbove };
 void RimMotion::learn(std::span<const Marker> markers) {
   struct Place {
     size_t number = 0;
-    int64_t x = 0;  // Q16 px, from the middle
+    int64_t x = 0;  // Q16 px, relative to the centre
     int64_t y = 0;
     int64_t square = 0;
   };
@@ -76,11 +76,11 @@ RimMotion::Motion RimMotion::motion(std::span<const Marker> markers) const {
           .turn_q16 = common_part({y[kRight], -y[kLeft], -x[kBelow], x[kAbove]})};
 }
 
-bool RimMotion::has_moved(std::span<const Marker> markers, int64_t force_un, int64_t most_un) const {
+bool RimMotion::has_moved(std::span<const Marker> markers, int64_t force_un, int64_t max_un) const {
   const Motion seen = motion(markers);
-  const int64_t load_q16 = (std::clamp<int64_t>(force_un, 0, most_un) << 16) / most_un;
-  const int64_t shift = kShift + (kShiftAtMost * load_q16 >> 16);
-  const int64_t zoom = kZoom + (kZoomAtMost * load_q16 >> 16);
+  const int64_t load_q16 = (std::clamp<int64_t>(force_un, 0, max_un) << 16) / max_un;
+  const int64_t shift = kShift + (kShiftAtMax * load_q16 >> 16);
+  const int64_t zoom = kZoom + (kZoomAtMax * load_q16 >> 16);
   return std::max(seen.shift_x_q16, seen.shift_y_q16) > shift || std::max(seen.zoom_q16, seen.turn_q16) > zoom;
 }
 

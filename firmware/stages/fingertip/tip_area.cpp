@@ -11,14 +11,14 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kFlat = 4'800;         // 0.3 mm: well above the noise of a tip's height
-constexpr int64_t kHeightSigma = 1'120;  // 0.07 mm: what the tracker does wrong with a pin that moves
+constexpr int64_t kHeightSigma = 1'120;  // 0.07 mm: tracking error of a moving pin
 constexpr int64_t kTopUm2 = 6'000'000;
 constexpr size_t kFirstRidge = 2, kFirstBend = 3, kLastKey = 18;  // rings
 constexpr int64_t kWhole = 45'875;                                // 0.7, Q16
-constexpr int64_t kMaxCount = 16;                                 // of an input's places
+constexpr int64_t kMaxCount = 16;                                 // of an input's grid points
 constexpr int64_t kMaxRadius = 1 << 20;                           // 65 mm
 constexpr int64_t kMaxCell = 1 << 24;                             // um^2
-constexpr int kFine = 12;                                         // fraction bits between places
+constexpr int kFine = 12;                                         // fraction bits between grid points
 using Vector = TipField::Vector;
 
 }  // namespace
@@ -77,7 +77,7 @@ void TipArea::find_heights(const TipField& field, const Vector& axis_1e6) {
   }
 }
 
-// Mean of the highest kTopUm2 of the wall, each place by its cell.
+// Mean height of the highest kTopUm2 of the wall, each place weighted by its cell.
 int64_t TipArea::find_top() {
   std::iota(order_.begin(), order_.end(), size_t{0});
   std::sort(order_.begin(), order_.end(),
@@ -124,7 +124,7 @@ std::array<int64_t, TipArea::kOutputs> TipArea::look_up(const std::array<int64_t
   }
   std::array<std::array<int64_t, kOutputs>, kCorners> corner{};
   for (size_t c = 0; c < kCorners; ++c) {
-    int64_t index = 0;  // the first input is the slowest; bit i of c: the upper place of input i
+    int64_t index = 0;  // the first input varies slowest; bit i of c: the upper grid point of input i
     for (size_t i = 0; i < kInputs; ++i) index = index * axis_[i].count + low[i] + static_cast<int64_t>(c >> i & 1);
     for (size_t o = 0; o < kOutputs; ++o) corner[c][o] = table_[static_cast<size_t>(index) * kOutputs + o];
   }
@@ -139,19 +139,20 @@ std::array<int64_t, TipArea::kOutputs> TipArea::look_up(const std::array<int64_t
   return corner[0];
 }
 
-TipAreas TipArea::run(const TipField& field, const Vector& axis_1e6, int64_t force_un, int64_t way_um) {
+TipAreas TipArea::run(const TipField& field, const Vector& axis_1e6, int64_t force_un, int64_t travel_um) {
   find_heights(field, axis_1e6);
   const int64_t top = find_top();
-  TipAreas out{.flat_um2 = area_above(top - kFlat)};
+  TipAreas out{.flat_area_um2 = area_above(top - kFlat)};
   const int64_t change = area_above(top - kFlat - kHeightSigma) - area_above(top - kFlat + kHeightSigma);
-  out.flat_sigma_um2 = std::max<int64_t>(change / 2, cell_.back());
+  out.flat_area_sigma_um2 = std::max<int64_t>(change / 2, cell_.back());
   const Key key = key_points();
   const auto radius_q8 = [](const std::array<int64_t, kRays>& ring) {
     int64_t sum = 0;
     for (size_t k = 0; k < kRays; ++k) sum += ring[k] * ring[(k + 1) % kRays];
     return floor_sqrt((sum << 16) / int64_t{kRays});
   };
-  const auto [area_1e3, part_q16, whole_q16] = look_up({force_un, way_um, radius_q8(key.bend), radius_q8(key.ridge)});
+  const auto [area_1e3, part_q16, whole_q16] =
+      look_up({force_un, travel_um, radius_q8(key.bend), radius_q8(key.ridge)});
   if (whole_q16 < kWhole) return out;
   out.face_um2 = area_1e3 * 1'000;
   out.face_sigma_um2 = std::max<int64_t>(area_1e3 * part_q16 * 1'000 >> 16, 1);

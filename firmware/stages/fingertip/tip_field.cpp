@@ -17,8 +17,8 @@ constexpr int64_t kMaxShift = int64_t{1} << 24;  // of a marker, Q16 px
 constexpr int64_t kMaxMoved = int64_t{1} << 18;  // 16 mm
 constexpr int32_t kMaxGain = 1 << 24;
 constexpr int64_t kPlaceWeight = 8'000;  // 500 um
-constexpr int64_t kMostApart = 1 << 13;  // of what contradicts, Q16 px
-// sum K v of all pins, and M d, stay inside 63 bits.
+constexpr int64_t kMaxApart = 1 << 13;   // of the contradiction, Q16 px
+// Keeps sum K v over all pins, and M d, within 63 bits.
 static_assert(TipField::kMaxPins * (int64_t{1} << 15) * kMaxMoved * 2 < int64_t{1} << 62);
 static_assert(4 * int64_t{kMaxGain} * kMaxShift < int64_t{1} << 62);
 static_assert(4 * kMaxShift * kMaxShift < int64_t{1} << 62);
@@ -41,7 +41,7 @@ TipField::Vector turned(const TipField::Matrix& r, const TipField::Vector& v) {
   return out;
 }
 
-// The short way from c to (0, 0, 1). Precondition: c_z > -1.
+// Shortest rotation from c to (0, 0, 1). Precondition: c_z > -1.
 TipField::Matrix turn_to_top(const TipField::Vector& c) {
   const auto part = [&](size_t i, size_t j) { return floor_div(c[i] * c[j] + (kOne + c[2]) / 2, kOne + c[2]); };
   return {kOne - part(0, 0), -part(0, 1), -c[0], -part(0, 1), kOne - part(1, 1), -c[1], c[0], c[1], c[2]};
@@ -96,11 +96,11 @@ Result<TipField> TipField::load(const Calibration& c) {
   out.kernel_.assign(k.begin(), k.end());
   out.features_.resize(3 * out.place_.size() + 2);
   out.gate_q8_ = t[0];
-  out.least_press_ = t[1];
+  out.min_press_ = t[1];
   return out;
 }
 
-// The marker that rests nearest, within the gate; -1: none.
+// Index of the marker that rests nearest, within the gate; -1: none.
 int TipField::nearest(std::span<const Marker> markers, const std::array<int64_t, 2>& place_q8, int64_t gate_q8) {
   int best = -1;
   int64_t limit2 = gate_q8 * gate_q8;
@@ -134,7 +134,7 @@ bool TipField::find_middle() {
   for (const Pin& pin : pin_) {
     if (pin.is_used) most = std::max(most, -round_shift(dot(pin.moved, pin.normal), kUnit));
   }
-  if (most < least_press_) return false;
+  if (most < min_press_) return false;
   const int64_t floor = most * 77 >> 8;
   Vector sum{};
   for (const Pin& pin : pin_) {
@@ -180,7 +180,7 @@ void TipField::sample() {
   for (size_t i = 0; i < 2; ++i) *out++ = static_cast<int32_t>(round_shift(middle_[i] * kPlaceWeight, kUnit));
 }
 
-// Square to the rows of M: signed determinants of three of its columns.
+// Vector perpendicular to the rows of M: signed determinants of three of its columns.
 TipField::Shifts TipField::still_of(const std::array<int64_t, 12>& gain) {
   std::array<int64_t, 12> m = gain;
   int64_t largest = 1;
@@ -211,7 +211,7 @@ bool TipField::is_contradicted(const Pin& pin, const Shifts& shift) {
     apart += pin.still[i] * shift[i];
     square += shift[i] * shift[i];
   }
-  return std::abs(round_shift(apart, kUnit)) > kMostApart + floor_sqrt(square) / 32;
+  return std::abs(round_shift(apart, kUnit)) > kMaxApart + floor_sqrt(square) / 32;
 }
 
 void TipField::move(Pin& pin, std::span<const Marker> markers, Eyes eyes) {
@@ -222,10 +222,10 @@ void TipField::move(Pin& pin, std::span<const Marker> markers, Eyes eyes) {
   bool are_both_sure = true;
   for (size_t eye = 0; eye < kEyes; ++eye) {
     const bool is_asked = eyes != (eye == 0 ? Eyes::kRight : Eyes::kLeft);
-    const bool is_sure = pin.marker[eye] >= 0 && markers[static_cast<size_t>(pin.marker[eye])].is_sure();
-    are_both_sure = are_both_sure && is_sure;
-    pin.is_used = pin.is_used && (is_sure || !is_asked);
-    if (!is_sure) continue;
+    const bool is_confident = pin.marker[eye] >= 0 && markers[static_cast<size_t>(pin.marker[eye])].is_confident();
+    are_both_sure = are_both_sure && is_confident;
+    pin.is_used = pin.is_used && (is_confident || !is_asked);
+    if (!is_confident) continue;
     const Marker& m = markers[static_cast<size_t>(pin.marker[eye])];
     shift[2 * eye] = std::clamp<int64_t>(m.displacement_x.raw(), -kMaxShift, kMaxShift);
     shift[2 * eye + 1] = std::clamp<int64_t>(m.displacement_y.raw(), -kMaxShift, kMaxShift);

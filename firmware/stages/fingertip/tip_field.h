@@ -1,17 +1,18 @@
-// What the pins on the inside of a round fingertip do, seen by two eyes: where something presses, and the field of
-// displacement about that place, turned to the top, where every place of a sphere is like any other. Not in the paper.
+// Displacement field of the pins inside a round fingertip, seen by two eyes: the touched place, and the field around
+// it, rotated to the top, where every place of a sphere is equivalent. Not in the paper.
 //
-//   u_p = M_p d_p                          d: shifts of a pin in both eyes, px; M of the eyes that see, and of one alone
+//   u_p = M_p d_p                          d: shifts of a pin in both eyes, px; M for both eyes, or for one alone
 //   w_p = max(-n_p . u_p - 77/256 of the largest, 0)       n: outward normal at the pin
-//   c   = sum w n / |sum w n|              the middle of what presses; R turns it to (0, 0, 1) the short way
-//   f_g = sum_p K(|R n_p - g|^2) R u_p / (sum_p K + 1/20)  at places g about the top; and c_x, c_y times 500 um
+//   c   = sum w n / |sum w n|              centre of the pressed area; R rotates it to (0, 0, 1) by the shortest way
+//   f_g = sum_p K(|R n_p - g|^2) R u_p / (sum_p K + 1/20)  at places g around the top; also c_x, c_y times 500 um
 //
-// A pin is left out where an eye that is asked lost it or is not sure of it, and where both are sure and contradict
-// each other: four shifts tell three numbers, and the part of them that no motion of the pin makes, e = |n . d|,
-// M n = 0, |n| = 1, is more than 1/8 px + |d| / 32. In 4,725 frames of good presses (SIMULATED) e is at most 0.13 px
-// and no pin is left out.
+// A pin is excluded if a required eye lost it or has low confidence, or if both eyes have high confidence and
+// contradict each other: four shifts determine three numbers, and the part that no motion of the pin explains, e = |n .
+// d| with M n = 0 and |n| = 1, exceeds 1/8 px + |d| / 32. In 4,725 frames of good presses (SIMULATED) e is at most 0.13
+// px and no pin is excluded.
 //
-// Pins are known by where they rest. u, f in 1/16 um, directions Q14. Frame thread; no allocation after load().
+// Pins are identified by their rest positions. u, f in 1/16 um, directions Q14. Frame thread; no allocation after
+// load().
 #pragma once
 
 #include <array>
@@ -28,9 +29,9 @@ namespace ruffini {
 
 enum class Eyes : uint8_t { kBoth, kLeft, kRight, kCount };
 
-// Those of the left (0) and the right eye (1) that see; nothing: neither.
+// Returns which of the left (0) and right (1) eye see, or nothing if neither does.
 template <typename Sees>
-[[nodiscard]] std::optional<Eyes> seeing(const Sees& sees) {
+[[nodiscard]] std::optional<Eyes> seeing_eyes(const Sees& sees) {
   if (sees(0)) return sees(1) ? Eyes::kBoth : Eyes::kLeft;
   return sees(1) ? std::optional(Eyes::kRight) : std::nullopt;
 }
@@ -48,13 +49,13 @@ class TipField {
   // Errors: kBadInput.
   [[nodiscard]] static Result<TipField> load(const Calibration& calibration);
 
-  // Which marker at rest is which pin; markers of the left eye come first.
+  // Matches markers at rest to pins; markers of the left eye come first.
   void learn(std::span<const Marker> markers);
-  // Pins that the rest picture shows in these eyes: only they are used.
+  // Number of pins that the rest picture shows in these eyes; only those are used.
   [[nodiscard]] int n_pins_there(Eyes eyes) const;
   [[nodiscard]] int n_pins() const { return static_cast<int>(pin_.size()); }
 
-  // Whether something presses. Only then the rest is of this frame.
+  // Returns true if something presses. Only then the results below belong to this frame.
   bool run(std::span<const Marker> markers, Eyes eyes);
   [[nodiscard]] int n_contradicted() const { return n_contradicted_; }  // by the other eye
   [[nodiscard]] std::span<const int32_t> features() const { return features_; }
@@ -93,8 +94,8 @@ class TipField {
   std::vector<int32_t> kernel_;
   std::vector<int32_t> features_;
   int n_contradicted_ = 0;
-  int64_t gate_q8_ = 0;      // a pin at rest from where it was calibrated
-  int64_t least_press_ = 0;  // -n . u of a touch
+  int64_t gate_q8_ = 0;    // of a pin at rest from its calibrated position
+  int64_t min_press_ = 0;  // smallest -n . u of a touch
   Vector middle_{};
   Matrix turn_{};
 };

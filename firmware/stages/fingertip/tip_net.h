@@ -1,11 +1,12 @@
-// A small network in integers: principal components, two hidden layers of rectified units, means and log2 of deviations.
+// Small integer network: principal components, two hidden layers of rectified units; outputs means and log2 of
+// deviations.
 //
-//   z = W_0 (f - mean)                     shared with the question whether such features were ever seen:
-//   |z|^2 weighted by `near` <= limit, and what z leaves of f - mean at most `rest` a feature (mean square)
+//   z = W_0 (f - mean)                     also decides whether such features were in the training data:
+//   |z|^2 weighted by `near` <= limit, and residual of f - mean after z at most `rest` per feature (mean square)
 //   h_1 = max(W_1 z + b_1, 0), h_2 = max(W_2 h_1 + b_2, 0), out = W_3 h_2 + b_3
 //
-// Values and weights Q16, W_0 Q28 per 1/16 um. One set of tables for each way of seeing (`Eyes`). Frame thread; no
-// allocation after load().
+// Values and weights Q16, W_0 Q28 per 1/16 um. One set of tables for each combination of eyes (`Eyes`). Frame thread;
+// no allocation after load().
 #pragma once
 
 #include <array>
@@ -24,13 +25,13 @@ class TipNet {
   static constexpr size_t kLayers = 3;
   static constexpr int64_t kMaxWidth = 512;
 
-  // Set `mode` of the tables fingertip.*, of `n_modes`. Errors: kBadInput.
+  // Loads set `mode` of `n_modes` of the tables fingertip.*. Errors: kBadInput.
   [[nodiscard]] static Result<TipNet> load(const Calibration& calibration, size_t mode, size_t n_modes,
                                            size_t n_features, size_t n_outputs);
 
-  // `features` as many as at load.
+  // Precondition: `features` has as many values as given to load().
   std::span<const int64_t> run(std::span<const int32_t> features, SaturationCounter& saturations);
-  // Whether the last features are like those that it was fitted on.
+  // True if the last features resemble those of the fit.
   [[nodiscard]] bool is_known() const { return is_known_; }
 
  private:

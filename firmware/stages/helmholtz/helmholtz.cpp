@@ -15,7 +15,7 @@ constexpr int64_t kMaxFlowQ4 = 1 << 18;
 constexpr int kRhoFraction = 14;
 constexpr int kFactorFraction = 28;
 constexpr int64_t kReach = 2;  // steps along x
-constexpr int kRoomBits = 29;  // of n_x n_y times the largest number of a transform
+constexpr int kRoomBits = 29;  // for n_x n_y times the largest value of a transform
 
 // sin^2(pi k / n), Q30.
 int64_t sine_square_q30(int k, int n) {
@@ -49,14 +49,14 @@ Helmholtz::Helmholtz(const BoardSettings& board)
       if (x == 0 && y == 0) continue;
       const int64_t wave_q30 = sine_square_q30(x, lattice_.n_x) +
                                round_shift(round_shift(sine_square_q30(y, lattice_.n_y), 2) * rho_square_q28, 26);
-      // The inverse transforms' own scale: 2 / n along an axis, half of it for the mean.
+      // Scale of the inverse transforms: 2 / n along an axis, half of it for the mean.
       const int64_t weight = (x == 0 ? 1 : 2) * (y == 0 ? 1 : 2);
       factor_q28_[at(x, y)] = floor_div(weight << (30 + kFactorFraction - 1), wave_q30 * lattice_.count());
     }
   }
 }
 
-void Helmholtz::hold(std::span<const FlowPoint> flow, SaturationCounter& saturations) {
+void Helmholtz::load_clamped(std::span<const FlowPoint> flow, SaturationCounter& saturations) {
   const auto held = [&](int64_t v) {
     const int64_t out = std::clamp(v, -kMaxFlowQ4, kMaxFlowQ4);
     saturations.count += out == v ? 0 : 1;
@@ -82,7 +82,7 @@ void Helmholtz::find_divergence() {
   }
 }
 
-int Helmholtz::fit() {
+int Helmholtz::normalize() {
   int64_t largest = 0;
   for (const int64_t v : wide_) largest = std::max(largest, std::abs(v));
   const int bits = static_cast<int>(std::bit_width(static_cast<uint64_t>(largest))) +
@@ -113,11 +113,11 @@ void Helmholtz::solve() {
       for (int y = 0; y < n_y; ++y) plane_[at(x, y)] = out[y];
     }
   };
-  const int up = fit();
+  const int up = normalize();
   each_line(true);
   std::transform(plane_.begin(), plane_.end(), factor_q28_.begin(), wide_.begin(),
                  [](int32_t f, int64_t factor) { return -f * factor; });
-  const int up_again = fit();
+  const int up_again = normalize();
   each_line(false);
   scale_ = -(up + kFactorFraction + up_again);
 }
@@ -174,7 +174,7 @@ int64_t Helmholtz::twist_urad(const Profile& profile) const {
 
 const HelmholtzSums& Helmholtz::run(std::span<const FlowPoint> flow, const Profile& profile,
                                     SaturationCounter& saturations) {
-  hold(flow, saturations);
+  load_clamped(flow, saturations);
   find_divergence();
   solve();
   find_gradient();

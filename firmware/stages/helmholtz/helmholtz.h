@@ -2,20 +2,20 @@
 //
 //   f      div u times two steps along x: central differences, one-sided and doubled at the border
 //   phi    Laplace phi = f with zero slope across the border: cosine transform along x and y, each wave divided by
-//          2 (sin^2 tx + rho^2 sin^2 ty), which is what two central differences in a row make of it; t = pi k / n,
+//          2 (sin^2 tx + rho^2 sin^2 ty), the eigenvalue of two successive central differences; t = pi k / n,
 //          rho = step x / step y; then back. The mean of f has no such phi and stays in r
 //   grad   central differences of phi, mirrored at the border: the curl-free part
-//   r      u - grad phi: free of divergence inside, and with it the harmonic part (a common shift, an even dilation)
+//   r      u - grad phi: divergence-free inside, including the harmonic part (a common shift, a uniform dilation)
 //
-//   S_n    mean size of grad phi                                         the paper's three quantities: section III-C
-//   S_t    size of the mean of r
-//   twist  half the mean curl of u, which is that of r, within two steps of the contact's middle: how far the object has
-//          turned about z, if the gel sticks to it and the contact is wider than that
+//   S_n    mean magnitude of grad phi                                    the paper's three quantities: section III-C
+//   S_t    magnitude of the mean of r
+//   twist  half the mean curl of u (equal to that of r) within two steps of the contact's centre: rotation of the
+//          object about z, if the gel sticks to it and the contact is wider than that
 //
-// Integers: u in 1/16 um held to +-16 mm and counted; before each pair of transforms a power of two for all numbers, so
-// that n_x n_y max|f| stays below 2^29 (cosine_transform.h). Lattices of 64 x 64, rho 1/4 to 4: |f| < 2^23, a wave's
-// factor in Q28 below 2^34, its product below 2^63. Lost patches are filled from their neighbours (image/markers.h).
-// Frame thread; no allocation after the constructor.
+// Integers: u in 1/16 um, clamped to +-16 mm and counted. Before each pair of transforms all values get a common power
+// of two, so that n_x n_y max|f| stays below 2^29 (cosine_transform.h). Lattices of up to 64 x 64 with rho 1/4 to 4:
+// |f| < 2^23, the factor of a wave in Q28 below 2^34, its product below 2^63. Lost patches are filled from their
+// neighbours (image/markers.h). Frame thread; no allocation after the constructor.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +31,7 @@ namespace ruffini {
 
 class Helmholtz {
  public:
-  static constexpr int64_t kMostOblong = 4;  // of rho, and of 1 / rho
+  static constexpr int64_t kMaxOblong = 4;  // limit of rho and of 1 / rho
 
   explicit Helmholtz(const BoardSettings& board);
 
@@ -42,10 +42,10 @@ class Helmholtz {
 
  private:
   [[nodiscard]] size_t at(int x, int y) const { return static_cast<size_t>(y * lattice_.n_x + x); }
-  void hold(std::span<const FlowPoint> flow, SaturationCounter& saturations);
+  void load_clamped(std::span<const FlowPoint> flow, SaturationCounter& saturations);
   void find_divergence();
-  // Numbers of wide_ times 2^shift, which is returned, into plane_.
-  [[nodiscard]] int fit();
+  // Scales wide_ by 2^shift into plane_. Returns shift.
+  [[nodiscard]] int normalize();
   void solve();
   void find_gradient();
   void sum_up();
@@ -54,7 +54,7 @@ class Helmholtz {
   GridSize lattice_;
   int64_t pitch_x_um_;
   int64_t pitch_y_um_;
-  int64_t twice_first_x_um_;  // of the first patch, from the pad's middle
+  int64_t twice_first_x_um_;  // of the first patch, relative to the pad's centre
   int64_t twice_first_y_um_;
   int64_t rho_q14_;
   CosineTables along_x_;
@@ -62,8 +62,8 @@ class Helmholtz {
   std::vector<int64_t> factor_q28_;  // [ky][kx]
   std::vector<int64_t> wide_;
   std::vector<int32_t> plane_;
-  std::vector<int32_t> line_;  // a column, its transform, and the transforms' own
-  int scale_ = 0;              // of plane_ behind solve(): phi over the step along x, 2^scale_ / 16 um
+  std::vector<int32_t> line_;  // a column, its transform, and work space
+  int scale_ = 0;              // of plane_ after solve(): phi over the step along x, 2^scale_ / 16 um
   std::vector<FlowPoint> u_;
   std::vector<FlowPoint> gradient_;
   HelmholtzSums sums_;

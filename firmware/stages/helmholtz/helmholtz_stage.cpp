@@ -1,4 +1,4 @@
-// Curl-free and divergence-free part of the flow of a texture (stages/helmholtz/helmholtz.h).
+// Curl-free and divergence-free parts of the flow of a texture (stages/helmholtz/helmholtz.h).
 #include "core/stages.h"
 #include "stages/helmholtz/helmholtz.h"
 

@@ -17,7 +17,11 @@ constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board'
 class MarkersStage final : public Stage {
  public:
   explicit MarkersStage(const StageContext& c)
-      : board_(c.board), difference_(c.slots.read<Slot::kDifference>()), markers_(c.slots.write<Slot::kMarkers>()) {
+      : board_(c.board),
+        difference_(c.slots.read<Slot::kDifference>()),
+        markers_(c.slots.write<Slot::kMarkers>()),
+        features_(c.slots.write<Slot::kFeatures>()) {
+    features_.sort = "markers";
     if (board_.markers.polarity == Polarity::kTexture) {
       flow_.emplace(board_);
     } else {
@@ -59,8 +63,14 @@ class MarkersStage final : public Stage {
  private:
   void publish() {
     markers_.marker = flow_ ? flow_->markers() : printed_->markers();
+    features_.value.resize(2 * markers_.marker.size());
+    auto shift = features_.value.begin();
+    for (const Marker& m : markers_.marker) {
+      *shift++ = m.displacement_x.raw();
+      *shift++ = m.displacement_y.raw();
+    }
     if (!board_.markers.has_views) return;
-    for (size_t i = 0; i < markers_.view.size(); ++i) markers_.view[i].n_unsure = printed_->n_unsure(i);
+    for (size_t i = 0; i < markers_.view.size(); ++i) markers_.view[i].n_low_confidence = printed_->n_low_confidence(i);
   }
 
   [[nodiscard]] bool are_lost(uint32_t& flags) const {
@@ -92,6 +102,7 @@ class MarkersStage final : public Stage {
   bool is_other_pad_ = false;
   const SlotData<Slot::kDifference>& difference_;
   SlotData<Slot::kMarkers>& markers_;
+  SlotData<Slot::kFeatures>& features_;
 };
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Displacement of the nodes -> their forces, by the inverse FEM: f = operator u, and where the pad is touched
+// Nodal forces from the displacement of the nodes by the inverse FEM: f = operator u; and the contact mask
 // (solve/contact_mask.h).
 #include <optional>
 #include <utility>
@@ -68,7 +68,7 @@ class OperatorStage final : public Stage {
   int64_t force_lsb_un_;
   ContactMask mask_;
   std::optional<BlockProgram> operator_;
-  std::vector<int64_t> wide_;  // force before it is held to 32 bits
+  std::vector<int64_t> wide_;  // force before it is clamped to 32 bits
   const SlotData<Slot::kDisplacement>& displacement_;
   const SlotData<Slot::kLight>& light_;
   SlotData<Slot::kNodeForces>& solve_;

@@ -1,5 +1,5 @@
-// Colours -> slopes of the surface (image/photometric.h), as an ideal pinhole sees them; or, by a table of depths, the depth
-// of the stage poisson at once.
+// Surface slopes from colours (image/photometric.h), as an ideal pinhole sees them; or, with a depth table, directly
+// the depth that stage poisson would compute.
 #include <optional>
 
 #include "core/stages.h"

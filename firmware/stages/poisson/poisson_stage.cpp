@@ -1,5 +1,5 @@
-// Slopes -> depth (image/poisson.h), in the view of the camera map's ideal pinhole if there is one; and the validity of a
-// depth that comes from light. Nothing to integrate where colours became depth at once.
+// Depth from slopes (image/poisson.h), in the view of the camera map's ideal pinhole if there is one; and the validity
+// of depth from light. Skips the integration if colours were converted to depth directly.
 #include "core/stages.h"
 #include "image/camera_map.h"
 #include "image/poisson.h"
@@ -34,7 +34,7 @@ class PoissonStage final : public Stage {
  private:
   BoardSettings board_;
   Poisson poisson_;
-  SaturationCounter untrusted_saturations_;  // of a depth that no force is made of
+  SaturationCounter untrusted_saturations_;  // of depth that is not used for forces
   const SlotData<Slot::kSlope>& slope_;
   SlotData<Slot::kDepth>& depth_;
 };

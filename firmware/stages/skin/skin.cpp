@@ -33,7 +33,7 @@ void Skin::learn(std::span<const uint16_t> rest) {
   frame_.age_q12 = taxels_->age_q12();
 }
 
-void Skin::judge_light() {
+void Skin::check_light() {
   frame_.light_q12 = taxels_->light_q12();
   frame_.is_dark = taxels_->n_dark() > 0 || 2 * frame_.light_q12 < -Taxels::kOne;
   frame_.is_light_off = frame_.light_q12 > kLightOffQ12 || frame_.light_q12 < -kLightOffQ12 ||
@@ -44,9 +44,9 @@ const SkinFrame& Skin::run(const FrameView& frame, uint64_t capture_us, Saturati
   glow_.run(frame);
   if (taxels_) {
     taxels_->run(glow_.plane());
-    judge_light();
-    const bool is_believed = !frame_.is_dark && !frame_.is_light_off;
-    frame_.touches = touches_->run(taxels_->ratio(), capture_us, is_believed, saturations);
+    check_light();
+    const bool is_trusted = !frame_.is_dark && !frame_.is_light_off;
+    frame_.touches = touches_->run(taxels_->ratio(), capture_us, is_trusted, saturations);
   } else {
     glow_.smooth();
     regions_.find(glow_.smoothed());

@@ -1,13 +1,13 @@
-// The stage of a skin that gets brighter where it is pressed: from a frame to its touches.
+// Detects the touches of a skin that becomes brighter where it is pressed.
 //
-//   glow (image/glow.h), then, by what the calibration brings,
-//     taxels    image/taxels.h, stages/skin/taxel_touches.h      where it has skin.run
-//     picture   image/glow_regions.h, stages/skin/skin_image.h   else: the paper's own method
-//   who is who and the mean over frames (stages/skin/skin_track.h)
+//   glow (image/glow.h), then, depending on the calibration,
+//     taxels    image/taxels.h, stages/skin/taxel_touches.h      if it has skin.run
+//     picture   image/glow_regions.h, stages/skin/skin_image.h   otherwise: the paper's method
+//   identity of touches and mean over frames (stages/skin/skin_track.h)
 //
-// Without a calibration touches are seen but have neither place nor force. A frame is dark where half a panel's worth
-// of light is missing on a taxel, and its light is off where light comes in from outside or all of the skin
-// is kLightOff brighter or darker than at rest. Frame thread; no allocation after load().
+// Without a calibration, touches are detected but have neither position nor force. A frame is dark if half of a panel's
+// light is missing on a taxel. Its light is off if light enters from outside, or if the whole skin is brighter or
+// darker than at rest by kLightOff. Frame thread; no allocation after load().
 #pragma once
 
 #include <cstdint>
@@ -33,7 +33,7 @@ class Skin {
 
   [[nodiscard]] static Result<Skin> load(const BoardSettings& board, const Calibration* calibration);
 
-  // The untouched image, width x height x 3 in 1/16 levels.
+  // Sets the untouched image, width x height x 3 in 1/16 levels.
   void learn(std::span<const uint16_t> rest);
   const SkinFrame& run(const FrameView& frame, uint64_t capture_us, SaturationCounter& saturations);
 
@@ -49,7 +49,7 @@ class Skin {
 
  private:
   explicit Skin(const BoardSettings& board);
-  void judge_light();
+  void check_light();
 
   Glow glow_;
   GlowRegions regions_;

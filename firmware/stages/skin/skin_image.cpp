@@ -89,7 +89,7 @@ SkinTouchList SkinImage::run(const GlowRegions& seen) const {
   };
   if (mode_ == SkinMode::kSingle || (mode_ == SkinMode::kAuto && seen.n_found() <= 1)) {
     const GlowPeak& peak = seen.peak();
-    // Beside the contact's threshold, as the curve's start alone may lie above it.
+    // In addition to the contact threshold, because the curve may begin above it.
     if (seen.n_found() > 0) add(touch(int64_t{peak.x_px} << 16, int64_t{peak.y_px} << 16, peak.level_q2));
     return list;
   }

@@ -1,12 +1,12 @@
-// Touches out of the picture of a glowing skin, as the paper has them: undistorted, projected back onto the skin and
-// weighed by one curve for all of it, each by a table.
+// Touches in the picture of a glowing skin by the paper's method: undistorted, projected back onto the skin, and
+// converted to force by one curve; each step is a table.
 //
-//   place   table over the image, one line each 2^k pixels, bilinear between; round a tube x goes on from one end to the
-//           other, so its four corners are counted from the first one
+//   place   table over the image with lines 2^k pixels apart, bilinear between; around a tube x wraps from one end to
+//           the other, so the four corners are taken relative to the first one
 //   force   F(I) = p1 I^2 + p2 I + p3, I in levels, as a table in steps of kCurveStep quarter levels, linear between;
-//           below [contact] threshold_un nothing is touched: the paper's p3 is 0.6 N
-//   single  one touch, at the brightest pixel;  multi  one for each region, at its middle, by its mean brightness
-//   auto    as single where at most one region is seen, else as multi
+//           below [contact] threshold_un there is no touch: the paper's p3 is 0.6 N
+//   single  one touch, at the brightest pixel;  multi  one per region, at its centre, with its mean brightness
+//   auto    as single if at most one region is found, else as multi
 //
 // Kind `skin` of the calibration, tensors skin.place and skin.curve. Frame thread; no allocation after load().
 #pragma once
@@ -31,7 +31,7 @@ class SkinImage {
 
   [[nodiscard]] SkinTouchList run(const GlowRegions& seen) const;
 
-  // Pressing force of a brightness, uN; ends beyond the table hold.
+  // Pressing force of a brightness, uN. Values beyond the table use its ends.
   [[nodiscard]] int64_t force_un(int64_t brightness_q2) const;
 
  private:
@@ -39,7 +39,7 @@ class SkinImage {
 
   CameraSettings camera_;
   SkinMode mode_ = SkinMode::kAuto;
-  int64_t round_um_ = 0;  // way once round a tube; 0 where the skin has two ends
+  int64_t round_um_ = 0;  // circumference of a tube; 0 for a skin with two ends
   int64_t threshold_un_ = 0;
   int shift_ = 0;  // log2 of the table's step, pixels
   GridSize lattice_;

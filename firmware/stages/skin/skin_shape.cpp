@@ -7,7 +7,7 @@
 namespace ruffini {
 namespace {
 
-// pi in 1/2^40.
+// pi in units of 2^-40.
 constexpr int64_t kPiQ40 = 3'454'217'652'358;
 constexpr int64_t kOneQ30 = int64_t{1} << 30;
 
@@ -16,7 +16,7 @@ struct Turn {
   int64_t sin_q30 = 0;
 };
 
-// Of the angle way / radius.
+// Of the angle length / radius.
 Turn turn(int64_t way_um, int64_t radius_um) {
   const int64_t half_round_um = round_shift(kPiQ40 * radius_um, 40);
   return {cos_pi_q30(way_um, half_round_um), cos_pi_q30(2 * way_um - half_round_um, 2 * half_round_um)};

@@ -1,4 +1,4 @@
-// Where a place of the unrolled skin is in three dimensions, and which way out of the skin is there.
+// Converts a position on the unrolled skin to three dimensions, with the outward normal.
 //
 //   plane   (x, y, 0), out = (0, 0, 1)
 //   tube    about z: angle a = x / R from the x axis: (R cos a, R sin a, y), out = (cos a, sin a, 0)
@@ -21,7 +21,7 @@ struct SkinPoint {
 
 [[nodiscard]] SkinPoint on_skin(const SkinSettings& skin, int64_t x_um, int64_t y_um);
 
-// A pressing force as a vector: along `out`, into the skin.
+// A pressing force as a vector: along the normal, into the skin.
 [[nodiscard]] std::array<int64_t, 3> pressing_vector_un(const SkinPoint& point, int64_t press_un);
 
 }  // namespace ruffini

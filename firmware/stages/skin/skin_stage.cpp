@@ -1,5 +1,5 @@
-// Touches of a skin that gets brighter where it is pressed (stages/skin/skin.h). Touches are contacts of an unrolled skin,
-// whose z is out of it everywhere; pressing is all that it measures.
+// Touches of a skin that becomes brighter where it is pressed (stages/skin/skin.h). Touches are reported as contacts of
+// the unrolled skin, whose z axis is the outward normal everywhere; only pressing is measured.
 #include <utility>
 
 #include "core/stages.h"

@@ -20,7 +20,7 @@ int64_t SkinTrack::distance2(const SkinTouch& touch, const Slot& slot) const {
   return dx * dx + dy * dy;
 }
 
-// A free slot, or that which was not seen for longest; there are twice as many as touches.
+// Returns a free slot, or the one unseen for longest; there are twice as many slots as touches.
 SkinTrack::Slot& SkinTrack::begin() {
   Slot* best = &slots_.front();
   for (Slot& slot : slots_) {
@@ -49,7 +49,7 @@ void SkinTrack::follow(SkinTouch& touch, Slot& slot) const {
 void SkinTrack::run(SkinTouchList& list) {
   for (Slot& slot : slots_) {
     slot.is_taken = false;
-    if (slot.id != 0 && slot.n_unseen++ > kKeptFrames) slot = {};
+    if (slot.id != 0 && slot.n_unseen++ > kMaxUnseenFrames) slot = {};
   }
   for (int i = 0; i < list.n_listed; ++i) list.touch[static_cast<size_t>(i)].id = 0;
   for (int round = 0; round < list.n_listed; ++round) {

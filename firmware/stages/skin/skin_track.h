@@ -1,8 +1,9 @@
-// Who is who among the touches of a skin from frame to frame, and the mean of the last frames of each.
+// Identifies touches of a skin from frame to frame, and averages each over the last frames.
 //
-// Each touch takes the identity of the nearest one before, nearest pairs first, within kReachUm; what is left begins a
-// new one. A touch that is not seen keeps its identity for kKeptFrames. Force is the mean over at most [skin]
-// averaged_frames frames of the same identity, place is of this frame. Frame thread; no allocation.
+// Each touch takes the identity of the nearest previous one within kReachUm, nearest pairs first; the remaining touches
+// get new identities. A touch that disappears keeps its identity for kMaxUnseenFrames. Force is the mean over at most
+// [skin] averaged_frames frames of the same identity, position is that of the current frame. Frame thread; no
+// allocation.
 #pragma once
 
 #include <array>
@@ -16,12 +17,12 @@ namespace ruffini {
 class SkinTrack {
  public:
   static constexpr int64_t kReachUm = 12'000;
-  static constexpr int kKeptFrames = 5;
+  static constexpr int kMaxUnseenFrames = 5;
 
   explicit SkinTrack(const BoardSettings& board);
 
   void run(SkinTouchList& list);
-  // The next touches are new ones.
+  // Resets the history: the next touches are new ones.
   void forget();
 
  private:
@@ -32,7 +33,7 @@ class SkinTrack {
     int64_t x_um = 0;
     int64_t y_um = 0;
     int n_unseen = 0;
-    bool is_taken = false;  // in this frame
+    bool is_taken = false;  // matched in this frame
     std::array<int64_t, kMaxAveragedFrames> press_un{};
     int n_frames = 0;
   };
@@ -41,7 +42,7 @@ class SkinTrack {
   [[nodiscard]] Slot& begin();
   void follow(SkinTouch& touch, Slot& slot) const;
 
-  int64_t round_um_;  // way once round a tube, else 0
+  int64_t round_um_;  // circumference of a tube, else 0
   int averaged_frames_;
   uint32_t last_id_ = 0;
   std::array<Slot, kSlots> slots_{};

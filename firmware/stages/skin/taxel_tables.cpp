@@ -74,7 +74,7 @@ Status load_curves(const Calibration& c, TaxelTables& t) {
   return Unit{};
 }
 
-// How many kinds of taxels there are.
+// Number of kinds of taxels.
 Result<int64_t> load_gain(const Calibration& c, TaxelTables& t) {
   const Tensor* const gain = c.tensor("skin.gain");
   constexpr int64_t kLeans = TaxelTables::kLeans;
@@ -134,13 +134,13 @@ Result<TaxelTables> TaxelTables::load(const Calibration& c, const BoardSettings&
   return t;
 }
 
-int64_t TaxelTables::aside_um(int64_t dx_um) const {
+int64_t TaxelTables::wrapped_um(int64_t dx_um) const {
   dx_um = std::abs(dx_um);
   return round_um > 0 ? std::min(dx_um, std::abs(round_um - dx_um)) : dx_um;
 }
 
 int64_t TaxelTables::reach_q14(int64_t dx_um, int64_t dy_um) const {
-  dx_um = aside_um(dx_um);
+  dx_um = wrapped_um(dx_um);
   dy_um = std::abs(dy_um);
   const int64_t column = dx_um / reach_step_um;
   const int64_t row = dy_um / reach_step_um;

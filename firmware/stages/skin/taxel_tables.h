@@ -1,4 +1,4 @@
-// What the calibration says of a skin's taxels, kind `skin` of proto/CALIBRATION.md. Not in the paper.
+// Tables of the taxels of a skin, from kind `skin` of proto/CALIBRATION.md. Not in the paper.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@
 namespace ruffini {
 
 struct TaxelTables {
-  static constexpr int kStep = 64;            // of ratio (image/taxels.h) between two values of `sink` and `press`
+  static constexpr int kStep = 64;            // step of ratio (image/taxels.h) between two values of `sink` and `press`
   static constexpr int kSize = 577;           // from -1 to 8 times the light at rest
   static constexpr size_t kNeighbours = 8;    // left, right, up, down, then the diagonals
   static constexpr size_t kCoefficients = 4;  // of a polynomial of the third degree
@@ -23,37 +23,37 @@ struct TaxelTables {
   struct Taxel {
     int64_t x_um = 0;
     int64_t y_um = 0;
-    size_t kind = 0;                                            // whose gain it takes
+    size_t kind = 0;                                            // selects its gain
     std::array<int16_t, kNeighbours> near{};                    // -1: none
     std::array<std::array<int64_t, kCoefficients>, 2> shift{};  // um Q8, of 1, q, q^2, q^3; along x and y
   };
 
   [[nodiscard]] static Result<TaxelTables> load(const Calibration& calibration, const BoardSettings& board);
 
-  // An offset along x, round a tube the shorter way.
-  [[nodiscard]] int64_t aside_um(int64_t dx_um) const;
-  // Of a touch one unit strong, Q14, at this offset from it; 0 beyond the table.
+  // Returns an offset along x, wrapped around a tube.
+  [[nodiscard]] int64_t wrapped_um(int64_t dx_um) const;
+  // Response at this offset to a touch of unit strength, Q14; 0 beyond the table.
   [[nodiscard]] int64_t reach_q14(int64_t dx_um, int64_t dy_um) const;
-  // What real force is over elastic force, of a touch that leans by |q| Q12 (taxel_touches.h), linear in all three.
+  // Ratio of real to elastic force for a touch with lean |q| Q12 (taxel_touches.h), linear in all three inputs.
   [[nodiscard]] int64_t gain_of(size_t kind, int64_t elastic_un, const std::array<int64_t, 2>& lean_q12) const;
 
   std::vector<Taxel> taxels;
   std::vector<int32_t> gain_q16;   // of force: [kind][load][lean along y][lean along x]
-  std::vector<int32_t> sink_q12;   // how far a taxel is pressed in, in any unit, over its ratio
+  std::vector<int32_t> sink_q12;   // indentation of a taxel, in any unit, over its ratio
   std::vector<int32_t> press_lsb;  // its elastic force in force steps, over its ratio
   std::vector<int16_t> reach;      // [y][x], by offset
   GridSize reach_size;
   int64_t reach_step_um = 0;
-  int64_t round_um = 0;  // way once round a tube, else 0
+  int64_t round_um = 0;  // circumference of a tube, else 0
   int64_t taxel_area_um2 = 0;
-  int64_t floor_q12 = 0;  // sink below which a taxel is not touched
-  int64_t apart_q12 = 0;  // what one touch leaves unexplained, over its own sink: more is another touch
-  int64_t pair_q12 = 0;   // by how much two places explain it better than one: more is two (touch_pair.h)
-  int64_t sigma_un = 0;   // of the force of a touch: a constant, and a part of the force
+  int64_t floor_q12 = 0;  // a taxel with less sink is not touched
+  int64_t apart_q12 = 0;  // unexplained sink over own sink that indicates another touch
+  int64_t pair_q12 = 0;   // improvement by two positions over one that indicates two touches (touch_pair.h)
+  int64_t sigma_un = 0;   // standard deviation of a touch's force: a constant, and a share of the force
   int64_t sigma_q12 = 0;
-  int64_t place_sigma_um = 0;  // of its place: a constant, and that at the contact's threshold
+  int64_t place_sigma_um = 0;  // standard deviation of its position: a constant, and the value at the contact threshold
   int64_t faint_place_sigma_um = 0;
-  int64_t stray_limit_q6 = 0;  // light from outside
+  int64_t stray_limit_q6 = 0;  // outside light
 };
 
 }  // namespace ruffini

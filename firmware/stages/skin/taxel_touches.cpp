@@ -9,7 +9,7 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kOneQ12 = 4096;
-constexpr int64_t kLeastReachQ14 = 1 << 10;  // strength is not read off where a touch hardly reaches
+constexpr int64_t kMinReachQ14 = 1 << 10;  // strength is unreliable where a touch has less reach
 
 int64_t read_table(const std::vector<int32_t>& table, int64_t ratio_q12) {
   const int64_t at =
@@ -44,7 +44,7 @@ Result<TaxelTouches> TaxelTouches::load(const Calibration& calibration, const Bo
   out.threshold_un_ = board.contact.threshold_un;
   out.mode_ = board.skin.mode;
   out.sink_q12_.resize(n);
-  out.left_q12_.resize(n);
+  out.residual_q12_.resize(n);
   out.press_.resize(n);
   out.all_nodes_.assign(n, 1);
   return out;
@@ -67,8 +67,8 @@ int64_t TaxelTouches::explained(size_t taxel, const Touch& touch) const {
   return round_shift(touch.strength_q12 * tables_.reach_q14(t.x_um - touch.x_um, t.y_um - touch.y_um), 14);
 }
 
-// Sink of a taxel that no touch but `except` explains.
-int64_t TaxelTouches::left(size_t taxel, const Touch* except) const {
+// Sink of a taxel that no touch except `except` explains.
+int64_t TaxelTouches::residual_sink(size_t taxel, const Touch* except) const {
   int64_t sink = sink_q12_[taxel];
   for (size_t k = 0; k < n_touches_; ++k) {
     if (&touch_[k] != except) sink -= explained(taxel, touch_[k]);
@@ -76,11 +76,12 @@ int64_t TaxelTouches::left(size_t taxel, const Touch* except) const {
   return sink;
 }
 
-// Whether a taxel stands out of its neighbours along both axes, as a finger makes it and a long touch's tail does not.
+// True if a taxel stands out from its neighbours along both axes, as under a finger, but not in the tail of a long
+// touch.
 bool TaxelTouches::is_peak(size_t taxel) const {
   const auto& near = tables_.taxels[taxel].near;
   for (const size_t axis : {size_t{0}, size_t{1}}) {
-    int64_t two = 0;  // sink of both neighbours; of the only one twice
+    int64_t two = 0;  // sink of both neighbours; twice that of an only neighbour
     for (const size_t side : {size_t{0}, size_t{1}}) {
       const int16_t there = near[2 * axis + side] >= 0 ? near[2 * axis + side] : near[2 * axis + 1 - side];
       if (there >= 0) two += sink_q12_[static_cast<size_t>(there)];
@@ -90,14 +91,14 @@ bool TaxelTouches::is_peak(size_t taxel) const {
   return true;
 }
 
-// The taxel of another touch, if there is one.
+// Taxel of a further touch, if there is one.
 std::optional<size_t> TaxelTouches::next_taxel() const {
   if (n_touches_ == touch_.size() || (mode_ == SkinMode::kSingle && n_touches_ == 1)) return std::nullopt;
   size_t best = 0;
   int64_t most = tables_.floor_q12 - 1;
   for (size_t i = 0; i < sink_q12_.size(); ++i) {
     if (sink_q12_[i] <= most) continue;
-    const int64_t unexplained = left(i, nullptr);
+    const int64_t unexplained = residual_sink(i, nullptr);
     if (unexplained <= most) continue;
     int64_t strongest = sink_q12_[i];
     for (size_t k = 0; k < n_touches_; ++k) {
@@ -122,24 +123,24 @@ bool TaxelTouches::find_another() {
   return true;
 }
 
-// The last touch found is two where two places explain its taxels so much better, and none of them stands out by itself.
+// Splits the last touch in two if two positions explain its taxels much better and none of them stands out.
 void TaxelTouches::split_last() {
   if (mode_ == SkinMode::kSingle || n_touches_ == touch_.size()) return;
   const Touch& whole = touch_[n_touches_ - 1];
   if (const auto other = next_taxel()) {
-    const int64_t dx_um = tables_.aside_um(tables_.taxels[*other].x_um - whole.x_um);
+    const int64_t dx_um = tables_.wrapped_um(tables_.taxels[*other].x_um - whole.x_um);
     const int64_t dy_um = tables_.taxels[*other].y_um - whole.y_um;
     const int64_t far_um = TouchPair::kFar * tables_.reach_step_um;
     if (dx_um * dx_um + dy_um * dy_um <= far_um * far_um) return;
   }
-  for (size_t i = 0; i < left_q12_.size(); ++i) left_q12_[i] = left(i, &whole);
-  if (!pair_.find(tables_, left_q12_, whole.taxel)) return;
+  for (size_t i = 0; i < residual_q12_.size(); ++i) residual_q12_[i] = residual_sink(i, &whole);
+  if (!pair_.find(tables_, residual_q12_, whole.taxel)) return;
   touch_[n_touches_ - 1] = member(0);
   touch_[n_touches_++] = member(1);
   for (size_t k = n_touches_ - 2; k < n_touches_; ++k) fit(touch_[k]);
 }
 
-// A touch where the pair has one, on the taxel that it reaches most.
+// A touch at a position of the pair, on the taxel that it reaches most.
 TaxelTouches::Touch TaxelTouches::member(size_t k) const {
   const TouchPair::Member& found = pair_.members()[k];
   Touch touch{.x_um = within_round(found.x_um),
@@ -157,7 +158,7 @@ TaxelTouches::Touch TaxelTouches::member(size_t k) const {
   return touch;
 }
 
-// Round a tube, x on from one end to the other.
+// Wraps x around a tube.
 int64_t TaxelTouches::within_round(int64_t x_um) const {
   if (tables_.round_um > 0 && 2 * x_um > tables_.round_um) return x_um - tables_.round_um;
   if (tables_.round_um > 0 && 2 * x_um < -tables_.round_um) return x_um + tables_.round_um;
@@ -170,31 +171,32 @@ int64_t TaxelTouches::lean_q12(const TaxelTables::Taxel& taxel, const Touch& tou
   const int16_t behind = taxel.near[2 * axis + 1];
   int64_t q = 0;
   if (before >= 0 && behind >= 0) {
-    const int64_t a = left(static_cast<size_t>(before), &touch);
-    const int64_t b = left(static_cast<size_t>(behind), &touch);
+    const int64_t a = residual_sink(static_cast<size_t>(before), &touch);
+    const int64_t b = residual_sink(static_cast<size_t>(behind), &touch);
     q = floor_div((b - a) * kOneQ12, std::max<int64_t>(here - std::min(a, b), 1));
   } else if (before >= 0 || behind >= 0) {
-    q = floor_div(left(static_cast<size_t>(std::max(before, behind)), &touch) * kOneQ12, std::max<int64_t>(here, 1));
+    q = floor_div(residual_sink(static_cast<size_t>(std::max(before, behind)), &touch) * kOneQ12,
+                  std::max<int64_t>(here, 1));
   }
   return std::clamp(q, -kOneQ12, kOneQ12);
 }
 
-// q, `here` being what the others leave on its taxel.
+// Computes q; `here`: sink of its taxel that the other touches leave.
 void TaxelTouches::lean(Touch& touch, int64_t here) const {
   const TaxelTables::Taxel& taxel = tables_.taxels[touch.taxel];
   for (const size_t axis : {size_t{0}, size_t{1}}) touch.q_q12[axis] = lean_q12(taxel, touch, axis, here);
 }
 
-// Place and strength, the other touches as they are; it may move on by one taxel. Of one of a pair q alone.
+// Fits position and strength with the other touches fixed; the touch may move by one taxel. For one of a pair only q.
 void TaxelTouches::fit(Touch& touch) const {
-  int64_t here = left(touch.taxel, &touch);
+  int64_t here = residual_sink(touch.taxel, &touch);
   if (touch.pair_q12 > 0) {
     lean(touch, here);
     return;
   }
   for (const int16_t other : tables_.taxels[touch.taxel].near) {
     if (other < 0) continue;
-    const int64_t there = left(static_cast<size_t>(other), &touch);
+    const int64_t there = residual_sink(static_cast<size_t>(other), &touch);
     if (there <= here) continue;
     here = there;
     touch.taxel = static_cast<size_t>(other);
@@ -205,11 +207,11 @@ void TaxelTouches::fit(Touch& touch) const {
   const int64_t dy = cubic(taxel.shift[1], touch.q_q12[1]);
   touch.x_um = within_round(taxel.x_um + dx);
   touch.y_um = taxel.y_um + dy;
-  const int64_t reach = std::max(tables_.reach_q14(dx, dy), kLeastReachQ14);
+  const int64_t reach = std::max(tables_.reach_q14(dx, dy), kMinReachQ14);
   touch.strength_q12 = std::max<int64_t>(floor_div(here * 16'384, reach), 0);
 }
 
-void TaxelTouches::share_out() {
+void TaxelTouches::distribute_press() {
   force_lsb_.fill(0);
   n_taxels_.fill(0);
   for (size_t i = 0; i < press_.size(); ++i) {
@@ -234,7 +236,7 @@ int64_t TaxelTouches::force_un(const Touch& touch, int64_t elastic_lsb) const {
   return round_shift(elastic_un * tables_.gain_of(tables_.taxels[touch.taxel].kind, elastic_un, lean), 16);
 }
 
-SkinTouch TaxelTouches::told(size_t k) const {
+SkinTouch TaxelTouches::to_skin_touch(size_t k) const {
   const Touch& t = touch_[k];
   const int64_t force_un = this->force_un(t, force_lsb_[k]);
   const int64_t part_un = round_shift(force_un * tables_.sigma_q12, 12);
@@ -248,23 +250,23 @@ SkinTouch TaxelTouches::told(size_t k) const {
           .place_sigma_um = tables_.place_sigma_um + faint_um};
 }
 
-SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture_us, bool is_believed,
+SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture_us, bool is_trusted,
                                 SaturationCounter& saturations) {
   read(ratio);
-  if (relaxation_ && is_believed && capture_us != 0) relaxation_->run(capture_us, all_nodes_, press_, saturations);
+  if (relaxation_ && is_trusted && capture_us != 0) relaxation_->run(capture_us, all_nodes_, press_, saturations);
   n_touches_ = 0;
   while (find_another()) {
-    if (n_touches_ == 1) continue;  // nothing to fit again
+    if (n_touches_ == 1) continue;  // nothing to refit
     for (int round = 0; round < kRounds; ++round) {
       for (size_t k = 0; k < n_touches_; ++k) fit(touch_[k]);
     }
   }
-  share_out();
+  distribute_press();
   SkinTouchList list;
   for (size_t k = 0; k < n_touches_; ++k) {
-    const SkinTouch touch = told(k);
+    const SkinTouch touch = to_skin_touch(k);
     if (touch.press_un < threshold_un_) continue;
-    auto at = static_cast<size_t>(list.n_listed++);  // hardest first
+    auto at = static_cast<size_t>(list.n_listed++);  // strongest first
     for (; at > 0 && list.touch[at - 1].press_un < touch.press_un; --at) list.touch[at] = list.touch[at - 1];
     list.touch[at] = touch;
   }

@@ -12,12 +12,12 @@ namespace {
 constexpr int64_t kOneQ12 = 4096;
 constexpr int64_t kMinSinkQ12 = -kOneQ12;
 constexpr int64_t kMaxSinkQ12 = 16 * kOneQ12;
-constexpr int kSinkShift = 9;    // Q4 of the weight and Q12 to half of Q8
-constexpr int kReachShift = 11;  // Q4 and Q14 to half of Q8
+constexpr int kSinkShift = 9;    // from Q4 of the weight and Q12 to half of Q8
+constexpr int kReachShift = 11;  // from Q4 and Q14 to half of Q8
 constexpr int kProductShift = 10;
-constexpr int64_t kMaxFeature = (1 << 15) - 1;  // so that no product below overflows
+constexpr int64_t kMaxFeature = (1 << 15) - 1;  // keeps the products below from overflowing
 constexpr int64_t kMaxStrengthQ12 = 1 << 20;
-constexpr int64_t kLeastTurn = 1024;  // of own products over the determinant: beyond, two places are one
+constexpr int64_t kMinTurn = 1024;  // own products over the determinant: beyond it the two places coincide
 
 int64_t product(const std::array<int32_t, 2 * TouchPair::kCells>& a,
                 const std::array<int32_t, 2 * TouchPair::kCells>& b) {
@@ -33,7 +33,7 @@ int walk(const TaxelTables& tables, int from, size_t way, int steps) {
 
 }  // namespace
 
-void TouchPair::look(const TaxelTables& tables, std::span<const int64_t> sink_q12, size_t taxel) {
+void TouchPair::load_patch(const TaxelTables& tables, std::span<const int64_t> sink_q12, size_t taxel) {
   taxel_ = taxel;
   Values value{};
   for (int row = 0; row < kRows; ++row) {
@@ -56,7 +56,7 @@ void TouchPair::look(const TaxelTables& tables, std::span<const int64_t> sink_q1
   describe(value, kSinkShift, seen_);
 }
 
-// Sinks, then bends, of the patch's taxels; beyond a rim the skin goes on as its mirror image.
+// Sinks, then curvatures, of the patch's taxels; the skin is mirrored at its rim.
 void TouchPair::describe(const Values& value, int shift, Features& out) const {
   for (size_t cell = 0; cell < kCells; ++cell) {
     const size_t here = cell + kColumns;
@@ -71,7 +71,7 @@ void TouchPair::describe(const Values& value, int shift, Features& out) const {
   }
 }
 
-void TouchPair::stand(const TaxelTables& tables, int64_t x_um, int64_t y_um, Place& out) const {
+void TouchPair::place(const TaxelTables& tables, int64_t x_um, int64_t y_um, Place& out) const {
   const TaxelTables::Taxel& middle = tables.taxels[taxel_];
   Values reach{};
   bool is_on_skin = false;
@@ -81,11 +81,11 @@ void TouchPair::stand(const TaxelTables& tables, int64_t x_um, int64_t y_um, Pla
     const int64_t dx_um = t.x_um - middle.x_um - x_um;
     const int64_t dy_um = t.y_um - middle.y_um - y_um;
     reach[i] = tables.reach_q14(dx_um, dy_um);
-    is_on_skin |= 2 * std::max(tables.aside_um(dx_um), std::abs(dy_um)) <= kOnTaxel * tables.reach_step_um;
+    is_on_skin |= 2 * std::max(tables.wrapped_um(dx_um), std::abs(dy_um)) <= kOnTaxel * tables.reach_step_um;
   }
   out.x_um = x_um;
   out.y_um = y_um;
-  if (!is_on_skin) reach.fill(0);  // no place: makes nothing
+  if (!is_on_skin) reach.fill(0);  // outside the skin: no effect
   describe(reach, kReachShift, out.made);
   out.own = product(out.made, out.made);
   out.with = product(out.made, seen_);
@@ -98,29 +98,29 @@ TouchPair::Solved TouchPair::solve(const Place& a, const Place& b, int64_t step_
   if (away2 < kNear * kNear * step_um * step_um || away2 > kFar * kFar * step_um * step_um) return {};
   const int64_t both = product(a.made, b.made);
   const int64_t turn = a.own * b.own - both * both;
-  if (turn <= 0 || turn * kLeastTurn < a.own * b.own) return {};
+  if (turn <= 0 || turn * kMinTurn < a.own * b.own) return {};
   Solved out;
   out.strength_q12 = {floor_div((a.with * b.own - b.with * both) * kOneQ12, turn),
                       floor_div((b.with * a.own - a.with * both) * kOneQ12, turn)};
   const auto [first, second] = out.strength_q12;
-  if (std::min(first, second) < kLeastQ12 || std::max(first, second) > kMaxStrengthQ12) return {};
+  if (std::min(first, second) < kMinStrengthQ12 || std::max(first, second) > kMaxStrengthQ12) return {};
   if (kEven[1] * std::max(first, second) > kEven[0] * std::min(first, second)) return {};
   out.gain = (first * a.with + second * b.with) >> 12;
   return out;
 }
 
-void TouchPair::stand_around(const TaxelTables& tables, const Place& middle, int64_t step_um,
+void TouchPair::place_around(const TaxelTables& tables, const Place& middle, int64_t step_um,
                              std::span<Place, 9> out) const {
   const int64_t x_um = middle.x_um;
   const int64_t y_um = middle.y_um;
   for (size_t i = 0; i < out.size(); ++i) {
     const int64_t column = static_cast<int64_t>(i % 3) - 1;
     const int64_t row = static_cast<int64_t>(i / 3) - 1;
-    stand(tables, x_um + column * step_um, y_um + row * step_um, out[i]);
+    place(tables, x_um + column * step_um, y_um + row * step_um, out[i]);
   }
 }
 
-// By how much one touch lessens the sum of squares, Q6. Fills the grid.
+// Reduction of the sum of squares by one touch, Q6. Fills the grid.
 int64_t TouchPair::best_single(const TaxelTables& tables) {
   const int64_t step_um = tables.reach_step_um;
   const auto gain_of = [](const Place& place) {
@@ -131,13 +131,13 @@ int64_t TouchPair::best_single(const TaxelTables& tables) {
   for (size_t i = 0; i < grid_.size(); ++i) {
     const int64_t column = static_cast<int64_t>(i % kGridSide) * kGridStep - kGridHalf;
     const int64_t row = static_cast<int64_t>(i / kGridSide) * kGridStep - kGridHalf;
-    stand(tables, column * step_um, row * step_um, grid_[i]);
+    place(tables, column * step_um, row * step_um, grid_[i]);
     if (gain_of(grid_[i]) <= gain) continue;
     gain = gain_of(grid_[i]);
     best = grid_[i];
   }
   for (int round = 0; round < kHalvings * kRounds; ++round) {
-    stand_around(tables, best, step_um * kGridStep >> (1 + round / kRounds), around_a_);
+    place_around(tables, best, step_um * kGridStep >> (1 + round / kRounds), around_a_);
     for (const Place& place : around_a_) {
       if (gain_of(place) <= gain) continue;
       gain = gain_of(place);
@@ -147,7 +147,7 @@ int64_t TouchPair::best_single(const TaxelTables& tables) {
   return gain;
 }
 
-// The same of two, which become the members; -1: no two places are.
+// The same for two touches, which become the members; -1: no valid pair.
 int64_t TouchPair::best_pair(const TaxelTables& tables) {
   const int64_t step_um = tables.reach_step_um;
   Solved best;
@@ -163,8 +163,8 @@ int64_t TouchPair::best_pair(const TaxelTables& tables) {
   }
   for (int round = 0; best.gain >= 0 && round < kHalvings * kRounds; ++round) {
     const int64_t finer_um = step_um * kGridStep >> (1 + round / kRounds);
-    stand_around(tables, at[0], finer_um, around_a_);
-    stand_around(tables, at[1], finer_um, around_b_);
+    place_around(tables, at[0], finer_um, around_a_);
+    place_around(tables, at[1], finer_um, around_b_);
     for (const Place& a : around_a_) {
       for (const Place& b : around_b_) take(a, b);
     }
@@ -177,7 +177,7 @@ int64_t TouchPair::best_pair(const TaxelTables& tables) {
 }
 
 bool TouchPair::find(const TaxelTables& tables, std::span<const int64_t> sink_q12, size_t taxel) {
-  look(tables, sink_q12, taxel);
+  load_patch(tables, sink_q12, taxel);
   const int64_t all = product(seen_, seen_);
   const int64_t slack = kSlack * n_cells_ << 6;
   const int64_t one = all - best_single(tables);

@@ -6,7 +6,7 @@
 namespace ruffini {
 namespace {
 
-// What is touched on more than five sixteenths of its nodes shows too little rest beside it to measure depth from.
+// If more than five sixteenths of the nodes are touched, the remaining pad is too small a reference for depth.
 bool covers_pad(std::span<const uint8_t> mask) {
   return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 5 * std::ssize(mask);
 }
@@ -29,7 +29,7 @@ Result<SecondPass> SecondPass::load(const Calibration& calibration, const BoardS
   }
   const CameraMotion sides(out.nodes_);
   out.support_->watch(sides.unknowns());
-  out.left_at_sides_.resize(sides.unknowns().size());
+  out.residual_at_sides_.resize(sides.unknowns().size());
   if (calibration.tensor("support.spread") != nullptr) {
     if (Status loaded = keep(SpreadCheck::load(calibration, out.nodes_, places), out.spread_check_); !loaded) {
       return loaded.error();
@@ -51,8 +51,8 @@ Result<SecondPass> SecondPass::load(const Calibration& calibration, const BoardS
 void SecondPass::refine(bool is_light_steady, SolvedForces& forces, SaturationCounter& saturations) {
   const std::span<const NodeForce> beyond = add_finite_strain(is_light_steady, forces, saturations);
   support_->run(forces.u, beyond, forces.mask, forces.threshold_lsb, forces.force, saturations);
-  support_->leave_watched(left_at_sides_);
-  forces.residual_at_sides = left_at_sides_;
+  support_->watched_residual(residual_at_sides_);
+  forces.residual_at_sides = residual_at_sides_;
   forces.is_refined = true;
   if (!spread_check_) return;
   forces.is_explained =
@@ -60,11 +60,13 @@ void SecondPass::refine(bool is_light_steady, SolvedForces& forces, SaturationCo
       !(has_rim_gauge_ && (covers_pad(forces.mask) || is_rim_pressed(nodes_, forces.force, forces.threshold_lsb)));
 }
 
-void SecondPass::leave(const SolvedForces& forces, std::span<int32_t> residual, SaturationCounter& saturations) {
-  support_->leave(forces.u, residual, saturations);
+void SecondPass::compute_residual(const SolvedForces& forces, std::span<int32_t> residual,
+                                  SaturationCounter& saturations) {
+  support_->residual(forces.u, residual, saturations);
 }
 
-// To the linear forces, and so to the mask. What it added; empty where nothing touches or the calibration is linear.
+// Adds the finite-strain part to the linear forces, and so to the mask. Returns it; empty without contact or finite
+// strain.
 std::span<const NodeForce> SecondPass::add_finite_strain(bool is_light_steady, SolvedForces& forces,
                                                          SaturationCounter& saturations) {
   const auto is_touched = [](uint8_t m) { return m != 0; };
@@ -81,7 +83,7 @@ std::span<const NodeForce> SecondPass::add_finite_strain(bool is_light_steady, S
   return beyond;
 }
 
-void SecondPass::remember(uint64_t capture_us, SolvedForces& forces, SaturationCounter& saturations) {
+void SecondPass::apply_relaxation(uint64_t capture_us, SolvedForces& forces, SaturationCounter& saturations) {
   relaxation_->run(capture_us, forces.mask, forces.force, saturations);
 }
 

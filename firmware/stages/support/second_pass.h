@@ -1,8 +1,8 @@
-// The second pass of the solve: linear forces of the nodes -> forces that explain their displacement.
+// Second pass of the solve: refines the linear nodal forces until they explain the displacement.
 //
-//   refine     what finite strain adds, then least squares where touched (solve/support_solver.h)
-//   remember   what the pad lost to relaxation (solve/relaxation.h)
-//   leave      what the refined forces do not explain of the displacement; only where somebody asks
+//   refine             adds the finite-strain part, then least squares in contact (solve/support_solver.h)
+//   apply_relaxation   subtracts what the pad lost to relaxation (solve/relaxation.h)
+//   compute_residual   displacement that the refined forces do not explain; only on request
 //
 // Everything but the least squares is optional. Frame thread; no allocation after load.
 #pragma once
@@ -28,19 +28,19 @@ namespace ruffini {
 
 class SecondPass {
  public:
-  // Kind `support`, and `contact`, `finite_strain` and `relaxation` if the calibration has them. Errors: kBadInput,
-  // kRefused.
+  // Loads kind `support`, and `contact`, `finite_strain` and `relaxation` if the calibration has them. Errors:
+  // kBadInput, kRefused.
   [[nodiscard]] static Result<SecondPass> load(const Calibration& calibration, const BoardSettings& board);
 
-  [[nodiscard]] bool has_memory() const { return relaxation_.has_value(); }
+  [[nodiscard]] bool has_relaxation() const { return relaxation_.has_value(); }
   [[nodiscard]] bool is_at_finite_strain() const { return finite_strain_.has_value(); }
 
-  // `forces`: the linear ones in, with their u, mask and threshold; refined out.
+  // `forces`: the linear ones in, with their u, mask and threshold; the refined ones out.
   void refine(bool is_light_steady, SolvedForces& forces, SaturationCounter& saturations);
-  // Of the last refine(), of its `forces`; xyz interleaved, 1/64 standard deviation (solve/support_solver.h).
-  void leave(const SolvedForces& forces, std::span<int32_t> residual, SaturationCounter& saturations);
-  void remember(uint64_t capture_us, SolvedForces& forces, SaturationCounter& saturations);
-  // What was done to the pad before.
+  // For the last refine() and its `forces`; xyz interleaved, 1/64 standard deviation (solve/support_solver.h).
+  void compute_residual(const SolvedForces& forces, std::span<int32_t> residual, SaturationCounter& saturations);
+  void apply_relaxation(uint64_t capture_us, SolvedForces& forces, SaturationCounter& saturations);
+  // Resets the relaxation: the pad was never touched.
   void forget();
 
  private:
@@ -49,11 +49,11 @@ class SecondPass {
                                                SaturationCounter& saturations);
 
   GridSize nodes_;
-  ContactMask mask_;  // of the forces with what finite strain adds
+  ContactMask mask_;  // of the forces including the finite-strain part
   std::optional<SupportSolver> support_;
-  std::vector<int32_t> left_at_sides_;  // of CameraMotion::unknowns()
+  std::vector<int32_t> residual_at_sides_;  // of CameraMotion::unknowns()
   std::optional<SpreadCheck> spread_check_;
-  bool has_rim_gauge_;  // depth is zero on the rim, on average
+  bool has_rim_gauge_;  // depth is zeroed on the mean of the rim
   std::optional<FiniteStrain> finite_strain_;
   std::optional<Relaxation> relaxation_;
 };

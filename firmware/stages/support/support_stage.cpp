@@ -1,5 +1,5 @@
-// Second pass of the solve, in the touched nodes (stages/support/second_pass.h). What its forces leave unexplained is
-// computed only if somebody asks.
+// Second pass of the solve at the touched nodes (stages/support/second_pass.h). The residual is computed only on
+// request.
 #include <optional>
 
 #include "core/stages.h"
@@ -36,16 +36,16 @@ class SupportStage final : public Stage {
     if (!displacement_.has_depth && !frame.is_displacement_given) return;
     pass_->refine(light_.is_steady, solve_, frame.saturations);
     if (!solve_.is_explained) frame.flags |= kFlagFeatures;
-    // A frame that is not to be believed is not remembered.
-    if (!pass_->has_memory() || frame.capture_us == 0 || frame.is_wrong()) return;
-    pass_->remember(frame.capture_us, solve_, frame.saturations);
+    // An untrusted frame does not enter the history.
+    if (!pass_->has_relaxation() || frame.capture_us == 0 || frame.is_wrong()) return;
+    pass_->apply_relaxation(frame.capture_us, solve_, frame.saturations);
   }
 
   void compute(Slot /*slot*/, const Frame& frame) override {
     residual_.validity = Validity::kNotMeasured;
     if (!solve_.is_refined) return;
-    SaturationCounter saturations;  // its own: the forces are none the worse
-    pass_->leave(solve_, residual_.node, saturations);
+    SaturationCounter saturations;  // separate, because they do not affect the forces
+    pass_->compute_residual(solve_, residual_.node, saturations);
     residual_.validity = frame.is_wrong() || saturations.count != 0 ? Validity::kInvalid : Validity::kValid;
   }
 

@@ -1,6 +1,6 @@
-// Uncertainty of the refined forces and of the wrench (solve/node_sigma.h, estimators/wrench_covariance.h), and whether the
-// camera has moved against the pad (estimators/camera_motion.h). Part of the stage support, after the wrench and contacts.
-// To the error model's own terms it adds the relative standard deviation of the pad's stiffness: the calibration's
+// Uncertainty of the refined forces and of the wrench (solve/node_sigma.h, estimators/wrench_covariance.h), and whether
+// the camera has moved against the pad (estimators/camera_motion.h). Part of the stage support, after the wrench and
+// contacts. Adds the relative standard deviation of the pad's stiffness to the error model: the calibration's
 // support.stiffness_sigma_1e6, or the board's if the file has none.
 #include <algorithm>
 #include <array>
@@ -15,7 +15,7 @@
 namespace ruffini {
 namespace {
 
-// All of them, or none: then uncertainty is not measured.
+// Loads all of them or none; without them uncertainty is not measured.
 constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
                                       "support.error_wrench"};
 constexpr const char* kStiffnessSigma = "support.stiffness_sigma_1e6";
@@ -56,7 +56,7 @@ class UncertaintyStage final : public Stage {
   void run(Frame& frame) override {
     if (!solve_.is_refined) return;
     uncertainty_.is_stated = covariance_.is_stated = true;
-    if (camera_motion_.is_moved(solve_.residual_at_sides, solve_.mask, wrench_.sum)) frame.flags |= kFlagFeatures;
+    if (camera_motion_.has_moved(solve_.residual_at_sides, solve_.mask, wrench_.sum)) frame.flags |= kFlagFeatures;
     const std::span<const uint8_t> is_filled = displacement_.is_filled;
     node_error_->run(solve_.force, is_filled, uncertainty_.node);
     covariance_.wrench = wrench_error_->run(wrench_.sum, contacts_, count_touched(solve_.mask, is_filled));

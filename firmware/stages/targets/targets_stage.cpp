@@ -14,7 +14,10 @@ class TargetsStage final : public Stage {
       : tracker_(c.board),
         mark_(tracker_.targets().size()),
         difference_(c.slots.read<Slot::kDifference>()),
-        targets_(c.slots.write<Slot::kTargets>()) {
+        targets_(c.slots.write<Slot::kTargets>()),
+        features_(c.slots.write<Slot::kFeatures>()) {
+    features_.sort = "targets";
+    features_.value.resize(3 * mark_.size());
     targets_.target = tracker_.targets();
     targets_.mark = mark_;
   }
@@ -33,6 +36,13 @@ class TargetsStage final : public Stage {
                     .displacement_y = px(t.now.y_q16 - t.rest.y_q16),
                     .is_lost = t.is_lost};
     });
+    auto change = features_.value.begin();
+    for (const Target& t : targets_.target) {
+      for (const int64_t each :
+           {t.now.x_q16 - t.rest.x_q16, t.now.y_q16 - t.rest.y_q16, t.now.area_q8 - t.rest.area_q8}) {
+        *change++ = saturate_raw<int32_t>(each, frame.saturations);
+      }
+    }
   }
 
  private:
@@ -40,6 +50,7 @@ class TargetsStage final : public Stage {
   std::vector<Marker> mark_;
   const SlotData<Slot::kDifference>& difference_;
   SlotData<Slot::kTargets>& targets_;
+  SlotData<Slot::kFeatures>& features_;
 };
 
 }  // namespace

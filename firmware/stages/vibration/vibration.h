@@ -1,14 +1,13 @@
-// How much the picture of a touched pad moves from one frame to the next: vibration of the contact, as by a motor, a rough
-// surface that slides, or an object that is struck.
+// Measures vibration of a contact (a motor, a rough sliding surface, a struck object) as the picture change between
+// consecutive frames.
 //
-//   d        = grey of a pixel less that of the frame before, one pixel of each kStepPx x kStepPx
-//   variance = mean(d^2) - mean(d)^2                what all pixels have in common is the lamps', not the contact's
+//   d        = grey of a pixel minus that of the previous frame, one pixel of each kStepPx x kStepPx
+//   variance = mean(d^2) - mean(d)^2                a change common to all pixels comes from the lamps
 //   level    = 10 log10(variance / (1 grey level)^2)      in hundredths of a decibel
 //
-// 0 dB is a picture that changes by one grey level, rms. The unit is the camera's: levels are compared with each other on
-// one sensor, and with the level at rest, which is the noise of its camera; no force follows from them. Frames see what is
-// below half of their rate; what is faster is aliased, and counts all the same. Not in the papers.
-// Frame thread; no allocation after the constructor. 1/16 of the pixels are read.
+// 0 dB is an rms change of one grey level. Levels depend on the camera: compare them on one sensor, and with the level
+// at rest, which is the camera's noise; they do not convert to force. Frequencies above half the frame rate are aliased
+// and still counted. Not in the papers. Frame thread; no allocation after the constructor. Reads 1/16 of the pixels.
 #pragma once
 
 #include <cstdint>
@@ -28,7 +27,8 @@ class Vibration {
 
   Vibration(int width_px, int height_px);
 
-  // `grey` as of image/difference.h, against that of the call before (black at first). Hundredths of a decibel.
+  // `grey`: as in image/difference.h; compared with the previous call (black at first). Returns hundredths of a
+  // decibel.
   int32_t run(std::span<const uint16_t> grey);
 
  private:

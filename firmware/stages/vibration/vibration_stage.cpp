@@ -1,4 +1,4 @@
-// Vibration of what touches the pad (stages/vibration/vibration.h), measured between two frames in a row that are both touched.
+// Vibration of a contact (stages/vibration/vibration.h), measured between two consecutive frames with contact.
 #include "core/stages.h"
 #include "stages/vibration/vibration.h"
 

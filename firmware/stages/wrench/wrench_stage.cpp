@@ -18,7 +18,7 @@ class WrenchStage final : public Stage {
   void run(Frame& frame) override {
     wrench_.sum = sum_wrench(nodes_, solve_.force, force_lsb_un_);
     if (!solve_.is_at_finite_strain) return;
-    move_arms(solve_.force, displacement_.node, force_lsb_un_, wrench_.sum, frame.saturations);
+    add_displacement_moment(solve_.force, displacement_.node, force_lsb_un_, wrench_.sum, frame.saturations);
   }
 
   void judge(uint32_t& /*flags*/) override {

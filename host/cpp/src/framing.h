@@ -1,4 +1,4 @@
-// Frames by proto/README.md: CRC-32C and COBS.
+// Frames according to proto/README.md: CRC-32C and COBS.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,8 @@ inline constexpr uint8_t kFromHost = 1, kSimulated = 2, kReplay = 4, kKnownFlags
 
 [[nodiscard]] uint32_t crc32c(const uint8_t* bytes, size_t n);
 
-// Number of decoded bytes, at most n; nullopt where it is no COBS. No byte of `in` may be zero.
+// Returns the number of decoded bytes, at most n; nullopt if the input is not valid COBS. Precondition: no byte of `in`
+// is zero.
 [[nodiscard]] std::optional<size_t> cobs_decode(const uint8_t* in, size_t n, uint8_t* out);
 [[nodiscard]] std::vector<uint8_t> cobs_encode(const std::vector<uint8_t>& in);
 

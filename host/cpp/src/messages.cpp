@@ -10,7 +10,7 @@ namespace ruffini::client {
 namespace {
 
 constexpr size_t kMaxContacts = 64, kMaxSensors = 16, kMaxTexts = 64, kMaxTemperatures = 64,
-                 kMaxQuantities = 64;  // no device sends so many
+                 kMaxQuantities = 64;  // limits above what any device sends
 constexpr double kMicro = 1e-6, kNano = 1e-9, kMilli = 1e-3;
 
 // A validity or a flag that this library does not know makes a number invalid.
@@ -34,7 +34,7 @@ bool read(Reader r, Stamp& out) {
   return r.ok();
 }
 
-// Upper triangle by rows in (uN, uN mm)^2 to the whole in (N, N m)^2.
+// Converts the upper triangle by rows in (uN, uN mm)^2 to the full matrix in (N, N m)^2.
 std::array<std::array<double, 6>, 6> covariance_of(const std::vector<uint64_t>& upper) {
   std::array<std::array<double, 6>, 6> out{};
   size_t i = 0;
@@ -127,7 +127,7 @@ bool read(Reader r, Residual& out) {
   return is_good && r.ok() && (out.residual.values.empty() || out.residual.n_components == 3);
 }
 
-using Raw = std::vector<uint64_t>;  // a repeated field as it came
+using Raw = std::vector<uint64_t>;  // raw values of a repeated field
 
 constexpr size_t kToolSigmas = 7;
 
@@ -259,7 +259,7 @@ bool read(Reader r, RawModel& out) {
   return r.ok();
 }
 
-// 0 is not sent: absent from the wire.
+// Zero is absent from the wire.
 void set_unless_valid(Validity validity, std::initializer_list<double*> numbers) {
   for (double* number : numbers) *number = validity != Validity::kValid ? kNaN : *number != *number ? 0.0 : *number;
 }
@@ -288,13 +288,13 @@ bool read(Reader r, FlowParts& out) {
   return r.ok();
 }
 
-// The stage's message; parts of one that comes twice are one message.
+// Reads the stage's message; repeated parts of one message are merged.
 template <typename Part>
 bool read_part(Reader r, std::optional<Part>& out) {
   return read(r, out ? *out : out.emplace());
 }
 
-// `flags` of the stamp that all contacts have.
+// `flags`: from the stamp, common to all contacts.
 bool read(Reader r, Contact& out, uint32_t flags) {
   std::array<double, 3> force{};
   double peak_depth = 0;
@@ -343,7 +343,7 @@ bool read(Reader r, Contact& out, uint32_t flags) {
 }
 
 bool read(Reader r, Contacts& out) {
-  std::vector<Reader> contacts;  // the stamp may come after them
+  std::vector<Reader> contacts;  // the stamp may follow them
   while (r.next()) {
     if (r.number() == 1 && !read(r.message(), out.stamp)) return false;
     if (r.number() == 2) contacts.push_back(r.message());

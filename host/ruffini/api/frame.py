@@ -1,4 +1,4 @@
-"""One picture's results, put together from the messages that come for it."""
+"""The results of one camera frame, assembled from its messages."""
 
 from __future__ import annotations
 
@@ -15,30 +15,32 @@ from ruffini.wire import Frame, Schema
 
 FLAG_STALE = 256
 DEVICE = 255
-SETTLED = 3  # frames that were seen to their end: from then on it is known what comes of each frame
-LATEST = 64  # frames that a message may come behind; further back, the sensor counts anew
+SETTLED = 3  # complete frames after which the set of messages per frame is known
+LATEST = 64  # a message may be this many frames late; further back, the sensor has restarted its count
 
 
 @dataclass(frozen=True, eq=False)
 class SensorFrame:
-    """What a sensor says of one picture, SI units, pad frame (+z out of the pad, forces ON the pad).
+    """All results of one camera frame, in SI units and the pad frame (+z out of the pad, forces act ON the pad).
 
-    Parts are decoded when they are first asked for; None: it did not come (not subscribed, not of this board, or lost
-    on the way). In each part `force`, `torque` and `depth` are NaN where they are not valid: see `flags` for why.
+    Parts are decoded on first access. A part is None if it did not arrive: not subscribed, not produced by this board,
+    or lost on the line. In each part `force`, `torque` and `depth` are NaN where not valid; `flags` give the reason.
 
     Attributes
     ----------
-    serial, sensor : which device, and which of its sensors; 255: a repeated result, the camera gives nothing.
-    number : of the camera's frame.
+    serial, sensor : serial number of the device, and index of the sensor on it; 255 marks a repeated result, sent
+        while the camera delivers no frame.
+    number : number of the camera's frame.
     capture_s : middle of the exposure on the sensor's own clock.
-    host_time_ns, host_time_error_ns : the same on `time.monotonic_ns()`, and how far off that may be. None: not known.
-    flags : names of the FlagBits: reasons why something must not be used as it stands.
-    n_missed : frames of the camera between the one before and this one that did not come to you. None: not known, the
-        first one or a sensor that was started again.
-    gap : the line was lost before this frame.
-    is_whole : every message that is due has come. A repeated result is of WRENCH alone. What comes with each n-th frame
-        is due n numbers after it came last: where the camera missed a frame, one frame more may count as partial.
-    messages : the protobuf messages as they came, by type.
+    host_time_ns, host_time_error_ns : the same on `time.monotonic_ns()`, and its error bound; None if unknown.
+    flags : names of the set FlagBits, the reasons why a result must not be used as it is.
+    n_missed : camera frames lost between the previous frame and this one; None for the first frame and after a
+        restart of the sensor.
+    gap : the interruption of the line before this frame, if any.
+    is_whole : True if every message that is due has arrived. A repeated result consists of WRENCH alone. A message
+        sent with each n-th frame is due n frames after its last one; if the camera drops a frame, one frame may
+        therefore be reported as partial.
+    messages : the protobuf messages as received, by type.
     """
 
     serial: str
@@ -52,19 +54,19 @@ class SensorFrame:
     is_simulated: bool
     is_replay: bool
     messages: Mapping[str, Any] = field(repr=False)
-    learned: Learned | None = None  # the newest word of a learned network: `learned.frame` says of which frame
+    learned: Learned | None = None  # the newest output of a learned network, which belongs to frame `learned.frame`
     gap: LineGap | None = None
     n_missed: int | None = None
     is_whole: bool = True
 
     @property
     def is_stale(self) -> bool:
-        """The last result again, without a valid number: no new picture came."""
+        """True for a repeated result without valid numbers, sent because no new camera frame came."""
         return bool(self.flag_bits & FLAG_STALE)
 
     @property
     def is_valid(self) -> bool:
-        """All that this board measures of the wrench is VALID."""
+        """True if every component of the wrench that this board measures is VALID."""
         wrench = self.wrench
         return wrench is not None and bool(measured := [v for v in wrench.validity if v]) and set(measured) == {VALID}
 
@@ -74,13 +76,13 @@ class SensorFrame:
 
     @cached_property
     def wrench(self) -> Wrench | None:
-        """Force and moment about the undeformed pad centre."""
+        """Force and moment about the centre of the undeformed pad."""
         part: Wrench | None = self._part("WRENCH", Wrench)
         return part
 
     @cached_property
     def field(self) -> Field | None:
-        """Force at every node, with displacement, slip and standard deviation where they are measured."""
+        """Force at every node, with displacement, slip and standard deviation where measured."""
         part: Field | None = self._part("FIELD", Field)
         return part
 
@@ -92,7 +94,7 @@ class SensorFrame:
 
     @cached_property
     def residual(self) -> Residual | None:
-        """What the forces do not explain, at every node; the sensor finds it only for who asks."""
+        """Displacement that the forces do not explain, at every node; computed only while subscribed."""
         part: Residual | None = self._part("RESIDUAL", Residual)
         return part
 
@@ -110,14 +112,14 @@ class SensorFrame:
 
     @cached_property
     def image(self) -> Image | None:
-        """The camera's picture; its pixels are a view of what came, not a copy."""
+        """The camera's picture; its pixels are a view of the received bytes, not a copy."""
         part: Image | None = self._part("IMAGE", Image)
         return part
 
 
 @dataclass
 class _Open:
-    """A frame that is not whole yet."""
+    """A frame that still waits for messages."""
 
     number: int
     packet: Frame
@@ -127,33 +129,33 @@ class _Open:
 
 @dataclass
 class _Stream:
-    """One sensor's frames so far."""
+    """State of the assembly of one sensor's frames."""
 
     open: _Open | None = None
-    last: int | None = None  # number of the frame that was given out
-    n_seen: int = 0  # frames that were seen to their end
-    held: list[_Open] = field(default_factory=list)  # the first ones, until it is known what makes them whole
-    last_with: dict[str, int] = field(default_factory=dict)  # message type: last frame that had it
-    missed: dict[str, int] = field(default_factory=dict)  # message type: last frame that should have had it
-    every: dict[str, int] = field(default_factory=dict)  # message type: shortest way between two frames that had it
-    late: deque[int] = field(default_factory=lambda: deque(maxlen=LATEST))  # frames that messages came late for
+    last: int | None = None  # number of the last frame passed on
+    n_seen: int = 0  # complete frames
+    held: list[_Open] = field(default_factory=list)  # the first frames, until the set of messages is known
+    last_with: dict[str, int] = field(default_factory=dict)  # by message type: last frame that had it
+    missed: dict[str, int] = field(default_factory=dict)  # by message type: last frame that should have had it
+    every: dict[str, int] = field(default_factory=dict)  # by message type: shortest interval between frames with it
+    late: deque[int] = field(default_factory=lambda: deque(maxlen=LATEST))  # frames with late messages
     learned: Any = None
-    is_over: bool = False  # the sensor was started again
+    is_over: bool = False  # the sensor has restarted
 
-    def saw(self, name: str, number: int) -> None:
-        """A message of that frame has come."""
+    def note_arrival(self, name: str, number: int) -> None:
+        """Record the arrival of a message of that frame."""
         if (way := number - self.last_with.get(name, number)) > 0:
             self.every[name] = min(way, self.every.get(name, way))
         self.last_with[name] = number
 
     def awaited(self) -> list[str]:
-        """Messages that the open frame may still get, by how often they came; one that was lost, until it comes."""
+        """Types that the open frame still expects, judged by their usual interval."""
         assert self.open is not None
         number, absent = self.open.number, self.last_with.keys() - self.open.messages.keys()
         return [name for name in absent if number - self.last_with[name] >= self.every.get(name, math.inf)]
 
     def lost(self) -> list[str]:
-        """Of the open frame, that is over: what it should have had. Each loss is one frame's."""
+        """Types that the open frame should have had but never got; each loss counts for one frame only."""
         assert self.open is not None
         number = self.open.number
         lost = [name for name in self.awaited() if number - self.missed.get(name, -math.inf) >= self.every[name]]
@@ -162,14 +164,14 @@ class _Stream:
 
 
 class Assembler:
-    """Messages in the order of the line -> whole frames, as soon as all that is due has come.
+    """Assembles messages, in the order of the line, into frames; each is passed on once all due messages are there.
 
     Parameters
     ----------
-    schema : the device's own.
-    serial : of the device.
-    every : what was subscribed, by type, e.g. {"WRENCH": 1, "IMAGE": 10}. None, of a recording: a frame is whole when
-        the next one begins.
+    schema : the device's own schema.
+    serial : the device's serial number.
+    every : subscriptions by type, e.g. {"WRENCH": 1, "IMAGE": 10}; None for a recording, where a frame is complete
+        when the next one begins.
     """
 
     def __init__(self, schema: Schema, serial: str, every: Mapping[str, int] | None) -> None:
@@ -177,24 +179,24 @@ class Assembler:
         self._streams: dict[int, _Stream] = {}
         self._flag_names: dict[int, tuple[str, ...]] = {}
         self._gap: LineGap | None = None
-        # Messages that are not of every frame must have come twice.
+        # Messages that are not sent with every frame must have arrived twice before their interval is known.
         self._n_settled = math.inf if every is None else max([SETTLED, *(2 * n + 1 for n in every.values())])
-        self.n_late = 0  # frames of which a message came after they had been given out
+        self.n_late = 0  # frames of which a message arrived after the frame had been passed on
 
     def note_gap(self, gap: LineGap) -> None:
-        """The line was lost; the next frame says so."""
+        """Attach an interruption of the line to the next frame."""
         self._gap = gap
         for stream in self._streams.values():
             stream.is_over |= gap.n_frames is None
 
     def put(self, packet: Frame, message: Any) -> Iterator[SensorFrame]:
-        """Take in a message; yields the frames that it makes whole."""
+        """Add a message; yields the frames that it completes."""
         name = self._schema.type_name(packet.type)
         stamp = getattr(message, "stamp", None)
         if stamp is None or name is None:
             return
         if packet.sensor == DEVICE:
-            for stream in self._streams.values():  # what it repeats goes first: nothing older is still to come
+            for stream in self._streams.values():  # the repeated frame goes first: nothing older can still arrive
                 yield from self._release(stream)
             yield self._made(_Open(stamp.frame, packet, {name: message}), None, False)
             return
@@ -208,7 +210,7 @@ class Assembler:
             yield from self._release(stream)
             stream = self._streams[packet.sensor] = _Stream()
         elif newest is not None and newest >= number:
-            stream.saw(name, number)  # frames to come wait for its like
+            stream.note_arrival(name, number)  # later frames wait for messages of this type
             self.n_late += number not in stream.late
             stream.late.append(number)
             return
@@ -224,17 +226,17 @@ class Assembler:
         if stream.open is None:
             stream.open, self._gap = _Open(number, packet, {}, self._gap), None
         stream.open.messages[name] = message
-        stream.saw(name, number)
+        stream.note_arrival(name, number)
         if stream.n_seen >= self._n_settled and not stream.awaited():
             yield self._finish(stream)
 
     def flush(self) -> Iterator[SensorFrame]:
-        """What is still open, when no more comes."""
+        """Yield the open frames at the end of the stream."""
         for stream in self._streams.values():
             yield from self._release(stream)
 
     def _release(self, stream: _Stream) -> Iterator[SensorFrame]:
-        """What was held, and what is open."""
+        """Yield the held frames and the open one."""
         for whole in stream.held:
             always = {name for name in stream.last_with if stream.every.get(name) == 1}
             yield self._made(whole, None, always <= set(whole.messages))

@@ -1,4 +1,4 @@
-"""Frames that wait for whoever takes them: a bounded queue between the reading thread and the program."""
+"""A bounded queue of frames between the reading thread and the program."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ruffini.api.frame import SensorFrame
-from ruffini.bell import Bell
 from ruffini.device.line_gap import LineGap
+from ruffini.wake_event import WakeEvent
 
 
 class Frames:
-    """An iterator over a sensor's frames, from the moment it was asked for.
+    """An iterator over a sensor's frames, starting at its creation.
 
-    At most `capacity` frames wait; the oldest goes where a newer one finds no room (capacity 1: the newest wins), and
-    the next frame's `n_missed` counts it. Ends when the sensor is closed; a sensor that is gone raises what happened.
+    At most `capacity` frames wait; a new frame replaces the oldest if the queue is full, and the next frame's
+    `n_missed` counts it. Iteration ends when the sensor is closed; if the sensor is lost, it raises the reason.
     """
 
     def __init__(self, capacity: int, sensor: int | None, *, partial: bool = False) -> None:
         self._waiting: deque[SensorFrame] = deque(maxlen=capacity)
         self._sensor, self._partial = sensor, partial
-        self._gap: LineGap | None = None  # before a frame that was not given out
-        self._lock, self._changed = threading.Lock(), Bell()  # of all that both threads change
+        self._gap: LineGap | None = None  # before a frame that was dropped
+        self._lock, self._changed = threading.Lock(), WakeEvent()  # guard the state shared by both threads
         self._end: BaseException | None = None
-        self._before: dict[int, int] = {}  # by sensor: the frame that was taken last
-        self.n_partial = 0  # frames of which a part was lost on the way, and which were not wanted
-        self.n_replaced = 0  # frames that a newer one replaced before they were taken
-        self.wake: Callable[[], None] = lambda: None  # called by the reading thread whenever something changed
+        self._before: dict[int, int] = {}  # by sensor: number of the last frame taken
+        self.n_partial = 0  # frames dropped because a part was lost on the line
+        self.n_replaced = 0  # frames replaced by a newer one before they were taken
+        self.wake: Callable[[], None] = lambda: None  # called by the reading thread on every change
 
     def __iter__(self) -> Frames:
         return self
@@ -39,7 +39,7 @@ class Frames:
         return frame
 
     def get(self, timeout_s: float) -> SensorFrame | None:
-        """The next frame; None where none comes in time. StopIteration at the end, as `next` does."""
+        """The next frame, None if none comes in time; raises StopIteration at the end, as `next` does."""
         return self._changed.wait_for(self._take, timeout_s)
 
     def _take(self) -> SensorFrame | None:
@@ -57,7 +57,7 @@ class Frames:
     # ---- the reading thread -------------------------------------------------------------------
 
     def put(self, frame: SensorFrame) -> None:
-        """One more frame."""
+        """Add a frame."""
         if self._sensor is not None and frame.sensor not in (self._sensor, 255):
             return
         if not (frame.is_whole or frame.is_stale or self._partial):
@@ -69,12 +69,12 @@ class Frames:
         with self._lock:
             self.n_replaced += len(self._waiting) == self._waiting.maxlen
             self._waiting.append(frame)
-        self._changed.ring()
+        self._changed.set()
         self.wake()
 
     def end(self, reason: BaseException) -> None:
-        """No more will come: StopIteration, or what went wrong."""
+        """End the iteration with StopIteration or with the error that ended the stream."""
         with self._lock:
             self._end = reason
-        self._changed.ring()
+        self._changed.set()
         self.wake()

@@ -1,4 +1,4 @@
-"""The same sensor for programs on asyncio: the line is read by a thread, the loop never waits for it."""
+"""The same sensor for asyncio programs: a thread reads the line, so the event loop never blocks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 class AsyncFrames:
-    """`Frames`, to be iterated with `async for` in the loop that asked for it."""
+    """`Frames` for `async for`, in the event loop that created it."""
 
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
@@ -31,7 +31,7 @@ class AsyncFrames:
 
     @property
     def n_replaced(self) -> int:
-        """Frames that a newer one replaced before they were taken."""
+        """Frames replaced by a newer one before they were taken."""
         return self._frames.n_replaced
 
     def __aiter__(self) -> AsyncFrames:
@@ -65,7 +65,7 @@ class AsyncSensor:
 
     @property
     def sensor(self) -> Sensor:
-        """The one behind it, for what does not wait: serial_number, boards, health, nodes()."""
+        """The underlying `Sensor`, for everything that does not block: serial_number, boards, health, nodes()."""
         if self._sensor is None:
             raise NoDeviceError("not connected yet: use `async with ruffini.connect_async(...) as sensor`")
         return self._sensor
@@ -75,7 +75,7 @@ class AsyncSensor:
         return AsyncFrames(self.sensor.frames(newest=newest, sensor=sensor, partial=partial))
 
     async def read(self) -> SensorFrame:
-        """One frame: the next that comes."""
+        """The next frame."""
         return await anext(self.frames(newest=True))
 
     async def zero(self, *, even_if_touched: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""A sensor as a program uses it: frames as they come, and a few commands. One thread of its own reads the line."""
+"""A sensor as a program uses it: a stream of frames and a few commands; a thread of its own reads the line."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from ruffini.device.results import Array
 from ruffini.errors import InputError, NoDeviceError, RuffiniError
 from ruffini.wire import Frame
 
-BACKLOG = 512  # frames that wait for a program that is busy
+BACKLOG = 512  # frames queued for a busy program
 RESUME_S = 10.0
 CLOSE_S = 5.0
 T = TypeVar("T")
 
 
 class Sensor:
-    """An open sensor; use as a context manager. Made by `ruffini.connect`; may be used from several threads.
+    """An open sensor, created by `ruffini.connect`; use as a context manager. Thread-safe.
 
     Attributes
     ----------
-    serial_number, boards : who it is.
-    health : what is wrong with it, in words; empty: nothing, or no frames were asked for yet.
-    n_left_out : messages that no frame has, because too many came while a command waited for its reply.
-    n_late : frames of which a message came after they had been given out.
+    serial_number, boards : serial number of the device and names of its sensors' boards.
+    health : the device's present problems in words; empty if there are none or no frames were requested yet.
+    n_left_out : messages dropped because too many arrived while a command waited for its reply.
+    n_late : frames of which a message arrived after the frame had been passed on.
     """
 
     def __init__(
@@ -80,25 +80,25 @@ class Sensor:
         return self._assembler.n_late
 
     def close(self) -> None:
-        """Give the port back; whoever iterates gets what still waits, then the end."""
+        """Close the port; iterators return the frames still queued, then end."""
         self._is_closing = True
         self._thread.join(CLOSE_S)
 
     def frames(self, *, newest: bool = False, sensor: int | None = None, partial: bool = False) -> Frames:
-        """Frames from now on, without end. The sensor begins to send with the first call.
+        """Endless iterator over the frames from now on. The sensor starts to send with the first call.
 
         Parameters
         ----------
-        newest : of what came while the program was busy only the newest, for control loops. Else every frame that
-            came; at most BACKLOG of them wait.
-        sensor : of a device with several only this one's.
-        partial : also frames of which a part was lost on the way; that part is None. A line that is too slow for all
-            that was asked for loses parts: ask for less, e.g. connect(depth=0).
+        newest : keep only the newest frame while the program is busy, for control loops. Otherwise every frame is
+            queued, at most BACKLOG of them.
+        sensor : only frames of this sensor, on a device with several.
+        partial : also frames that lost a part on the line; that part is None. A line that is too slow for all
+            subscribed messages loses parts: subscribe to fewer, e.g. connect(depth=0).
 
         Raises
         ------
         NoDeviceError
-            While iterating: the line was lost and did not come back, or no frame came for a while.
+            While iterating: the line was lost and did not come back, or no frame came within SILENCE_S.
         """
         frames = Frames(1 if newest else BACKLOG, sensor, partial=partial)
         with self._lock:
@@ -110,12 +110,12 @@ class Sensor:
         return frames
 
     def read(self, timeout_s: float = SILENCE_S) -> SensorFrame:
-        """One frame: the next that comes.
+        """The next frame.
 
         Raises
         ------
         NoDeviceError
-            None came in time, or the sensor is closed.
+            No frame came in time, or the sensor is closed.
         """
         try:
             frame = self.frames(newest=True).get(timeout_s)
@@ -126,34 +126,34 @@ class Sensor:
         return frame
 
     def nodes(self, sensor: int = 0) -> Array:
-        """Places of the field's nodes on the undeformed pad, (n_y, n_x, 2) metres from its centre."""
+        """Positions of the field's nodes on the undeformed pad, (n_y, n_x, 2) metres from its centre."""
         return node_places(self._info(sensor))
 
     def zero(self, *, even_if_touched: bool = False) -> None:
-        """Learn rest anew from the next frames; those have FLAG_NO_REFERENCE.
+        """Learn a new rest image from the next frames, which carry FLAG_NO_REFERENCE.
 
-        Something that comes onto the pad meanwhile ends it: rest stays as it was, with a note `zero_refused`.
+        A contact during that time aborts it: the previous rest image stays, with a note `zero_refused`.
 
         Raises
         ------
         RefusedError
-            Something presses on the pad, or another program has the sensor's lease.
+            The pad is in contact, or another program holds the sensor's lease.
         """
         self.call(lambda c: c.checked(zero={"n_frames": 0, "even_if_touched": even_if_touched}))
 
     def call(self, action: Callable[[Connection], T]) -> T:
-        """Run `action` on the connection, in the thread that reads it, e.g. `sensor.call(Connection.status)`.
+        """Run `action` on the connection in the reading thread, e.g. `sensor.call(Connection.status)`.
 
-        Not from `on_note`, which that thread waits for.
+        Must not be called from `on_note`, which runs in that thread.
 
         Raises
         ------
         NoDeviceError
-            The sensor is gone or closed. Else what `action` raises.
+            The sensor is lost or closed. Exceptions of `action` are passed on.
         """
         future: Future[T] = Future()
         self._asked.append((action, future))
-        if self._end is not None:  # nobody will look at it
+        if self._end is not None:  # the reading thread has ended
             self._refuse_asked()
         return future.result()
 
@@ -187,7 +187,7 @@ class Sensor:
                 self._take(packet, message)
         except _Closed:
             pass
-        except BaseException as error:  # our own bug: whoever iterates gets it
+        except BaseException as error:  # a bug of ours: passed on to the iterators
             end = error
         finally:
             self._connection.close()
@@ -203,7 +203,7 @@ class Sensor:
 
     def _refuse_asked(self) -> None:
         gone = NoDeviceError(f"{self.port} is closed: connect again")
-        with contextlib.suppress(IndexError):  # no more; the reading thread and who calls after its end both look
+        with contextlib.suppress(IndexError):  # empty; the reading thread and later callers may both empty it
             while True:
                 _, future = self._asked.popleft()
                 future.set_exception(self._end if isinstance(self._end, RuffiniError) else gone)
@@ -214,8 +214,8 @@ class Sensor:
 
     def _take(self, packet: Frame, message: Any) -> None:
         if (n := self.n_left_out) != self._n_told:
-            why = "too many came while a command waited for its reply"
-            self._on_note(f"{self.port}: {n - self._n_told} messages were left out: {why}")
+            why = "too many arrived while a command waited for its reply"
+            self._on_note(f"{self.port}: {n - self._n_told} messages were dropped: {why}")
             self._n_told = n
         name = self._connection.schema.type_name(packet.type)
         if name == "EVENT":
@@ -242,7 +242,7 @@ class _Closed(Exception):
 
 
 def sensor_info(hello: Any, sensor: int, where: str) -> Any:
-    """What HELLO says of one sensor."""
+    """The SensorInfo of one sensor in HELLO; raises InputError if the device has no such sensor."""
     for info in hello.sensors:
         if info.sensor == sensor:
             return info
@@ -250,7 +250,7 @@ def sensor_info(hello: Any, sensor: int, where: str) -> Any:
 
 
 def node_places(info: Any) -> Array:
-    """Of a SensorInfo: places of its nodes, (n_y, n_x, 2) metres from the pad's centre."""
+    """Positions of the nodes of a SensorInfo, (n_y, n_x, 2) metres from the pad's centre."""
     x = (info.grid_origin_x_nm + info.grid_step_x_nm * np.arange(info.grid_n_x)) * 1e-9
     y = (info.grid_origin_y_nm + info.grid_step_y_nm * np.arange(info.grid_n_y)) * 1e-9
     return np.stack(np.meshgrid(x, y), axis=-1)
@@ -261,19 +261,19 @@ def connect(
     depth: int = 1, learned: int = 1, image: int = 0, markers: int = 0, residual: int = 0,
     resume_s: float = RESUME_S, on_note: Callable[[str], None] = lambda _: None,
 ) -> Sensor:  # fmt: skip
-    """Open the sensor on `port`, the one with this serial number, or the only one there is.
+    """Open the sensor on `port`, the one with this serial number, or the only one that is connected.
 
     Parameters
     ----------
-    port, serial : RUFFINI_PORT and RUFFINI_SERIAL stand in where they are not given.
-    wrench, field, contacts, depth, learned, image, markers, residual : of each n-th frame; 0: never.
-    resume_s : how long a line that was lost is waited for; 0: it is an error at once.
-    on_note : gets sentences for a person, from the reading thread: health, events, a lost or damaged line.
+    port, serial : default to the environment variables RUFFINI_PORT and RUFFINI_SERIAL.
+    wrench, field, contacts, depth, learned, image, markers, residual : send this message with each n-th frame, 0 never.
+    resume_s : how long to wait for a lost line; 0 raises at once.
+    on_note : called from the reading thread with messages for the user: health, events, a lost or damaged line.
 
     Raises
     ------
     NoDeviceError, SeveralDevicesError
-        None answers, or several do.
+        No sensor answers, or several do.
 
     Examples
     --------

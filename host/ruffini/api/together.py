@@ -1,4 +1,4 @@
-"""Frames of several sensors that were taken at the same time, by the host's clock."""
+"""Groups of frames of several sensors captured at the same time, by the host's clock."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from ruffini.api.in_asyncio import AsyncSensor
 from ruffini.api.sensor import Sensor
 from ruffini.errors import InputError
 
-MAX_TIMELESS = 120  # frames in a row
+MAX_TIMELESS = 120  # consecutive frames without a capture time
 TOLERANCE_S = 1 / 120  # half a period of the usual camera
 
 
 @dataclass(frozen=True)
 class FrameGroup:
-    """One frame of each sensor, in their order.
+    """One frame of each sensor, in the order of the sensors.
 
     Attributes
     ----------
-    spread_s : between the earliest and the latest middle of exposure.
-    error_s : by how much that may be off, from the bounds of both clocks.
-    n_alone : frames since the group before that found no partners.
+    spread_s : time between the earliest and the latest middle of exposure.
+    error_s : error bound of `spread_s`, from the bounds of the clocks.
+    n_alone : frames without partners since the previous group.
     """
 
     frames: tuple[SensorFrame, ...]
@@ -37,21 +37,21 @@ class FrameGroup:
 def synchronized(
     sources: Sequence[Sensor | Iterator[SensorFrame]], tolerance_s: float = TOLERANCE_S
 ) -> Iterator[FrameGroup]:
-    """Groups of frames, one of each source, within `tolerance_s` of each other on the host's clock.
+    """Groups of frames, one of each source, captured within `tolerance_s` of each other on the host's clock.
 
-    Give at most half a period of the fastest camera: then a frame has one partner at most. Frames without partners
-    are passed over and counted; repeated results (`is_stale`) have none.
+    With a tolerance of at most half the period of the fastest camera a frame has at most one partner. Frames without
+    partners are skipped and counted; repeated results (`is_stale`) are never grouped.
 
     Parameters
     ----------
-    sources : sensors, or iterators over their frames; every frame of them is looked at.
+    sources : sensors, or iterators over their frames; all their frames are consumed.
 
     Raises
     ------
     InputError
-        A sensor is too old to say when its frames were taken, or the tolerance is not above zero.
+        A sensor's firmware does not report capture times, or the tolerance is not above zero.
     NoDeviceError
-        A sensor is gone.
+        A sensor was lost.
 
     Examples
     --------
@@ -97,7 +97,7 @@ async def _groups_async(matcher: _Matcher, streams: Sequence[AsyncIterator[Senso
 
 
 class _Matcher:
-    """The oldest frame of each source that may still find partners."""
+    """Holds the oldest frame of each source that may still find partners."""
 
     def __init__(self, n_sources: int, tolerance_s: float) -> None:
         if not tolerance_s > 0:
@@ -114,7 +114,7 @@ class _Matcher:
         return [i for i, head in enumerate(self._heads) if head is None]
 
     def put(self, i: int, frame: SensorFrame) -> None:
-        """The next frame; one without a time is passed over: a sensor that was started again says it anew."""
+        """Add the next frame; frames without a capture time are skipped, since a restarted sensor soon reports it."""
         if frame.is_stale:
             return
         if frame.host_time_ns is not None:
@@ -122,10 +122,10 @@ class _Matcher:
             return
         self._n_timeless[i] += 1
         if self._n_timeless[i] > MAX_TIMELESS:
-            raise InputError(f"sensor {frame.serial}: does not say when its frames were taken: update its firmware")
+            raise InputError(f"sensor {frame.serial} does not report capture times: update its firmware")
 
     def group(self) -> FrameGroup | None:
-        """All heads where they belong together; else those that are too old are gone."""
+        """The heads, if they belong together; otherwise the ones that are too old are dropped."""
         heads = [head for head in self._heads if head is not None]
         if not heads or len(heads) < len(self._heads):
             return None

@@ -23,6 +23,7 @@ from ruffini.bench.states import State
 from ruffini.estimators.operator.error_model import NodePlaces
 from ruffini.fem.uncertainty import NodeSample, at_stake
 from ruffini.sim.unit import PadError
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 
@@ -110,9 +111,9 @@ def judge(
 def table(result: dict[str, Any]) -> str:
     """The columns as text."""
     lines = [f"{result['states']} independent states (contact, depth, pad), each with two kinds of noise"]
-    lines += [f"{'':18}{'within 1 sigma':>16}{'within 2 sigma':>16}{'mean sigma':>16}{'values':>9}"]
-    for name, s in result["columns"].items():
-        unit = "N mm" if name.startswith("t") else "mN"
-        share = f"{s['within_1']:14.1f} %{s['within_2']:14.1f} %"
-        lines.append(f"  {name:16}{share}{1e3 * s['mean_sigma']:11.3f} {unit:4}{s['n']:9d}")
+    lines += aligned(("", "within 1 sigma", "within 2 sigma", "mean sigma", "values"), [
+        (name, f"{s['within_1']:.1f} %", f"{s['within_2']:.1f} %",
+         f"{1e3 * s['mean_sigma']:.3f} {'N mm' if name.startswith('t') else 'mN'}", s["n"])
+        for name, s in result["columns"].items()
+    ], "  ")  # fmt: skip
     return "\n".join(lines)

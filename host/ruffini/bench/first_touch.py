@@ -1,7 +1,7 @@
 """The first frame that says contact, and frames that say so though nothing touches. SIMULATED.
 
 The twin's frames go through the board's own front end and solve, with [contact] threshold_un alone ("board") and with
-the unit's noise as `cal fit --only touch` measures it on untouched frames ("measured"): a ball and a flat punch come
+the unit's noise as `cal fit --only threshold` measures it on untouched frames ("measured"): a ball and a flat punch come
 down by STEP_UM a frame; frames from the first that truly touches to the first that reports it, the true force then, and
 how far the reported force of faint touches is off. False contacts: in untouched rendered frames that were not fitted,
 under lamps that drift while they are followed, and in fields drawn with the covariance of those frames' noise. A strong
@@ -23,6 +23,7 @@ from ruffini.core.pipeline import Pipeline
 from ruffini.estimators.threshold.fit import ContactNoise, draw_largest, fit_contact_noise, linear_pressure
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.surface import wrench_of
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -164,16 +165,15 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         f"{result['board']}, SIMULATED: noise of a node {noise['node_sigma_mn']:.3f} mN; touched from "
         f"{noise['square_mn']:.3f} mN on 2 x 2 nodes, {noise['alone_mn']:.3f} mN on one",
-        "false contacts                         " + "".join(f"{way:>10}" for way in WAYS),
     ]
     names = {
         "untouched": "frames rendered",
         **{name: f"frames, lamps drift by {100 * DRIFT:g} %" for name in RAMPS},
         "drawn": "fields drawn",
     }
-    for key, name in names.items():
-        n, counts = false[key]
-        lines.append(f"{f'  {n:,} {name}':39}" + "".join(f"{counts[way]:10d}" for way in WAYS))
+    lines += aligned(("false contacts", *WAYS), [
+        (f"{false[key][0]:,} {name}", *(false[key][1][way] for way in WAYS)) for key, name in names.items()
+    ])  # fmt: skip
     lines.append(f"first touch, {STEP_UM:g} um a frame")
     for row in result["touches"]:
         late, force_mn = row["frames_late"], [1e3 * f for f in row["force_n"]]

@@ -31,6 +31,7 @@ from ruffini.fem.operators import Noise
 from ruffini.sim.recording import record_balls
 from ruffini.sim.settings import TwinSettings
 from ruffini.sim.unit import PadError, TwinUnit
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -61,7 +62,7 @@ READING, FLOOR_N = 0.02, 0.03  # wanted: 2 % of reading + 0.03 N
 
 def has_images(board: Board) -> bool:
     """Whether the board's displacement comes from dots and colours, so that its noise can be measured."""
-    return {"markers", "photometric", "poisson"} <= set(board.pipeline.stages)
+    return all(board.writes(slot) for slot in ("markers", "slope", "depth"))
 
 
 def colours_of(
@@ -172,8 +173,9 @@ def table(result: dict[str, Any]) -> str:
         f"front end: {sigma} um, correlation with the node beside {beside}",
         "fitted less true (E, nu, thickness): "
         + "; ".join(", ".join(f"{v:+.1f} %" for v in pad) for pad in result["pads"]),
-        f"{'':18}{'mean error':>13}{'within 2 % + 0.03 N':>22}{'worst over that':>18}{'frames':>9}",
-    ]
-    for name, r in result["rows"].items():
-        lines.append(f"  {name:16}{1e3 * r['mean_n']:10.1f} mN{r['within']:20.0f} %{r['worst']:18.2f}{r['frames']:9d}")
+        *aligned(("", "mean error", "within 2 % + 0.03 N", "worst over that", "frames"), [
+            (name, f"{1e3 * r['mean_n']:.1f} mN", f"{r['within']:.0f} %", f"{r['worst']:.2f}", r["frames"])
+            for name, r in result["rows"].items()
+        ], "  "),
+    ]  # fmt: skip
     return "\n".join(lines)

@@ -18,10 +18,10 @@ from ruffini.boards import Board, parse_board
 from ruffini.calibrate import container
 from ruffini.calibrate.fleet.units import Fleet, fit_fleet, predictors, unit_log
 from ruffini.calibrate.log.touches import read_touch_log
-from ruffini.calibrate.report.judged import touch_errors
 from ruffini.estimators.material.fit import MaterialProblem
 from ruffini.estimators.material.model import MaterialLog, Predictor
 from ruffini.estimators.material.prior import board_prior, fleet_prior
+from ruffini.estimators.operator.report import touch_errors
 from ruffini.sim.programs import grid
 from ruffini.sim.recording import record_touches
 from ruffini.sim.units import build_unit, fleet_error

@@ -22,6 +22,7 @@ from ruffini.sim.indenters import Indenter
 from ruffini.sim.optics.conditions import Conditions
 from ruffini.sim.pose import Pose
 from ruffini.sim.rig import Unit
+from ruffini.tables import aligned
 from ruffini.wire.covariance import full_covariance
 
 Array = npt.NDArray[np.float64]
@@ -145,12 +146,14 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         f"{result['board']}, SIMULATED, {kind}; seed {result['seed']}, full scale {result['full_scale_n']:g} N, "
         f"pressed with {x:.2f}, {y:.2f}, {z:.2f} N",
-        f"{'fault':28}{'pad':11}{'flagged in frame':>17}{'wrong, unmarked':>17}{'good again after':>18}  flags",
-    ]
-    for row in result["rows"]:
-        first = str(row["flagged_in_frame"]) if row["flagged_in_frame"] else "-"
-        error = f"{row['unmarked_error_n']:.3f} N" if row["unmarked_error_n"] else "0"
-        after = str(row["good_after_frames"]) if row["good_after_frames"] else f"> {N_BACK}"
-        lines.append(f"{row['fault']:28}{row['state']:11}{first:>17}{error:>17}{after:>18}  {row['flags']}")
+        *aligned(("fault", "pad", "flagged in frame", "wrong, unmarked", "good again after", "flags"), [
+            (
+                row["fault"], row["state"], row["flagged_in_frame"] or "-",
+                f"{row['unmarked_error_n']:.3f} N" if row["unmarked_error_n"] else "0",
+                row["good_after_frames"] or f"> {N_BACK}", row["flags"],
+            )
+            for row in result["rows"]
+        ]),
+    ]  # fmt: skip
     lines.append(f"faults that let a wrong force pass unmarked: {result['n_silent']} of {len(result['rows'])}")
     return "\n".join(lines)

@@ -29,6 +29,7 @@ from ruffini.sim.programs import Rest, Step, Touch
 from ruffini.sim.recording import record_touches
 from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -149,11 +150,9 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         f"{result['board']}, SIMULATED: a gel that loses {100 * result['true_loss']:.0f} % of its first force; "
         f"`cal fit --only relaxation` on {len(LOGGED)} held touches finds {terms}",
-        f"{'held force, error':20}{'held':>8}{'at first':>12}{'at the end':>12}{'rms':>10}",
-    ]
-    for name, touches in result["rows"].items():
-        lines += [
-            f"  {name:18}{t['seconds']:6.0f} s{t['start']:+10.1f} %{t['end']:+10.1f} %{t['rms']:8.1f} %"
-            for t in touches
-        ]
+        *aligned(("held force, error", "held", "at first", "at the end", "rms"), [
+            (name, f"{t['seconds']:.0f} s", f"{t['start']:+.1f} %", f"{t['end']:+.1f} %", f"{t['rms']:.1f} %")
+            for name, touches in result["rows"].items() for t in touches
+        ]),
+    ]  # fmt: skip
     return "\n".join(lines)

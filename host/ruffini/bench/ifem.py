@@ -32,6 +32,7 @@ from ruffini.fem.sparse import SparseEstimator
 from ruffini.reflection import dense_from_blocks
 from ruffini.sim.settings import Strain
 from ruffini.sim.unit import PadError
+from ruffini.tables import aligned
 from ruffini.wire.covariance import full_covariance
 
 Array = npt.NDArray[np.float64]
@@ -385,12 +386,18 @@ def stated_on_wrong_pad(
     return out
 
 
-def _row(name: str, m: dict[str, float]) -> str:
-    false_shear = f"{m['false_shear']:13.4f}" if "false_shear" in m else " " * 13
-    return (
-        f"  {name:16}{m['tangential']:11.3f}{m['normal']:9.3f}{false_shear}"
-        f"{1e3 * m['resultant_n']:8.1f} mN{m['moment_nmm']:7.2f} Nmm{m['shape']:8.2f}{m['peak']:7.2f}"
-    )
+def _scored(methods: dict[str, dict[str, float]]) -> list[str]:
+    """A line for each method, with the load where its state has one."""
+    head = ("", "tangential", "normal", "false shear", "resultant", "moment", "shape", "peak", "")
+    return aligned(head, [
+        (
+            name, f"{m['tangential']:.3f}", f"{m['normal']:.3f}",
+            f"{m['false_shear']:.4f}" if "false_shear" in m else "", f"{1e3 * m['resultant_n']:.1f} mN",
+            f"{m['moment_nmm']:.2f} Nmm", f"{m['shape']:.2f}", f"{m['peak']:.2f}",
+            f"of {m['load_n']:.2f} N" if "load_n" in m else "",
+        )
+        for name, m in methods.items()
+    ], "  ")  # fmt: skip
 
 
 def tables(result: dict[str, Any]) -> str:
@@ -403,8 +410,6 @@ def tables(result: dict[str, Any]) -> str:
         "tangential, normal: relative L2 error of the nodal forces; false shear: tangential error over normal force "
         "under pure normal load",
     ]
-    columns = {"tangential": 11, "normal": 9, "false shear": 13, "resultant": 11, "moment": 11, "shape": 8, "peak": 7}
-    head = " " * 18 + "".join(f"{name:>{width}}" for name, width in columns.items())
     conditions = {
         "accuracy": "noise 5/5/20 um",
         "objects": "noise 5/5/20 um",
@@ -414,25 +419,20 @@ def tables(result: dict[str, Any]) -> str:
     }
     for title, what in conditions.items():
         for condition, methods in result[title].items():
-            lines += ["", f"{condition}, {what}", head]
-            lines += [_row(name, m) for name, m in methods.items()]
+            lines += ["", f"{condition}, {what}", *_scored(methods)]
     for condition, m in result["bad_nodes"].items():
-        lines += ["", f"bad nodes: {condition}, 0.6 mm, noise 5/5/20 um", head]
-        lines += [_row(name, scores) for name, scores in m.items()]
+        lines += ["", f"bad nodes: {condition}, 0.6 mm, noise 5/5/20 um", *_scored(m)]
         plain = result["bad_nodes"]["none"]
         ratios = (f"{name} {scores['tangential'] / plain[name]['tangential']:.2f}" for name, scores in m.items())
         lines += ["  tangential error over that without: " + ", ".join(ratios)]
     if result["wrong_pad"]:
         lines += ["", "true Fz within one and two stated sigmas on a wrong pad that was not fitted, 0.6 mm"]
-    for error, rows in result["wrong_pad"].items():
-        lines += [
-            f"  {error:16}{name + ' uncertainty':24}{s['within_1']:6.0f} %{s['within_2']:6.0f} %"
-            f"   mean sigma {1e3 * s['mean_sigma']:.0f} mN, {s['n']} frames"
-            for name, s in rows.items()
-        ]
+        lines += aligned(("pad", "uncertainty", "within 1", "within 2", "mean sigma", "frames"), [
+            (error, name, f"{s['within_1']:.0f} %", f"{s['within_2']:.0f} %", f"{1e3 * s['mean_sigma']:.0f} mN", s["n"])
+            for error, rows in result["wrong_pad"].items() for name, s in rows.items()
+        ], "  ")  # fmt: skip
     if result["object"]:
-        lines += ["", "the default on each of them", head]
-        lines += [f"{_row(name, m)}  of {m['load_n']:.2f} N" for name, m in result["object"].items()]
+        lines += ["", "the default on each of them", *_scored(result["object"])]
         lines += ["", objects.separation_table(result["separation"])]
     for depth, cost in result["strain"].items():
         lines += [

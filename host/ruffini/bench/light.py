@@ -24,6 +24,7 @@ from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.settings import TwinSettings
 from ruffini.sim.surface import wrench_of
 from ruffini.sim.unit import TwinUnit
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -136,15 +137,15 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         f"{result['board']}, SIMULATED: light that drifts (B, G, R {WAY[0]:+g}, {WAY[1]:+g}, {WAY[2]:+g} times the "
         f"drift); a press of {result['force_n']:.3f} N",
-        f"{'drift':>6}  {'':22}{'untouched depth':>16}{'untouched force':>17}{'press, error':>14}  flags",
-    ]
-    for row in result["drift"]:
-        how = "followed, untouched" if row["is_followed"] else "at a stroke"
-        lines.append(
-            f"{100 * row['drift']:5.0f} %  {how:22}"
-            f"{row['untouched_depth_um']:13.1f} um{row['untouched_force_n']:15.3f} N"
-            f"{row['press_error_n']:+12.3f} N  {row['flags']}"
-        )
+        *aligned(("drift", "", "untouched depth", "untouched force", "press, error", "flags"), [
+            (
+                f"{100 * row['drift']:.0f} %", "followed, untouched" if row["is_followed"] else "at a stroke",
+                f"{row['untouched_depth_um']:.1f} um", f"{row['untouched_force_n']:.3f} N",
+                f"{row['press_error_n']:+.3f} N", row["flags"],
+            )
+            for row in result["drift"]
+        ]),
+    ]  # fmt: skip
     lines.append(f"held for {held['frames']} frames: {held['first_n']:.4f} N at first, {held['last_n']:.4f} N at last")
     lines.append(warming.table(result["warming"]))
     return "\n".join(lines)

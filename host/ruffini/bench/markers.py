@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 
-SWEEPS, MOST_PLATE_PART = 24, 4  # kSweeps, kMostPlatePart of firmware/image/field_repair.h
+SWEEPS, MOST_PLATE_PART = 24, 4  # kSweeps, kMaxMissingPart of firmware/image/field_repair.h
 
 
 def fill_lost(u: Array, is_lost: Bools) -> Array:

@@ -21,6 +21,7 @@ from ruffini.sim.reproduce.solved import solved
 from ruffini.sim.settings import load_twin
 from ruffini.sim.surface import on_grid
 from ruffini.sim.unit import TwinUnit
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 Estimate = Callable[[Array], Array]
@@ -34,7 +35,7 @@ TEXTURE_DEPTH_MM = 0.45
 
 def has_paper(board: Board) -> bool:
     """Whether the board has a paper's bench and measures the field of forces that `bench ifem` judges."""
-    return "operator" in board.pipeline.stages and (board.folder or Path()).joinpath("reproduce.toml").is_file()
+    return board.writes("node_forces") and (board.folder or Path()).joinpath("reproduce.toml").is_file()
 
 
 def paper_states(board: Board, *, quick: bool) -> list[State]:
@@ -107,7 +108,6 @@ def separation_table(result: dict[str, Any]) -> str:
     lines = [
         f"two balls of {APART_RADIUS_MM:g} mm side by side: pressure in the valley over the lower peak "
         f"(told apart below {RESOLVED})",
-        " " * 18 + "".join(f"{distance:>9}" for distance in result),
+        *aligned(("", *result), [(name, *(f"{found[name]:.2f}" for found in result.values())) for name in names], "  "),
     ]
-    lines += [f"  {name:16}" + "".join(f"{found[name]:9.2f}" for found in result.values()) for name in names]
     return "\n".join(lines)

@@ -26,6 +26,7 @@ from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.settings import TwinSettings
 from ruffini.sim.surface import hat_areas
 from ruffini.sim.unit import TwinUnit
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 STANDOFF_MM = 25.0
@@ -203,12 +204,11 @@ def judge(presses: PressSet, found: list[Scene], rendered: list[Array]) -> list[
 def table(rows: list[dict[str, Any]]) -> str:
     """The rows as text."""
     text = "relative change of light in rings about the contact (radii), presses that the lamps were not fitted on\n"
-    text += f"{'ring':>12} {'recorded':>9} {'rendered':>9} {'difference':>11} {'correlation':>12}\n"
-    for row in rows:
-        ring = f"{row['from_radius']:.2f}-{row['to_radius']:.2f}"
-        text += f"{ring:>12} {row['recorded_rms']:9.3f} {row['rendered_rms']:9.3f} "
-        text += f"{row['difference_rms']:11.3f} {row['correlation']:12.3f}\n"
-    return text
+    keys = ("recorded_rms", "rendered_rms", "difference_rms", "correlation")
+    lines = aligned(("ring", "recorded", "rendered", "difference", "correlation"), [
+        (f"{row['from_radius']:.2f}-{row['to_radius']:.2f}", *(f"{row[key]:.3f}" for key in keys)) for row in rows
+    ])  # fmt: skip
+    return text + "".join(f"{line}\n" for line in lines)
 
 
 def side_by_side(path: Path, presses: PressSet, found: list[Scene], rendered: list[Array], n: int = 6) -> Path:

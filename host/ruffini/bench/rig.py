@@ -52,7 +52,7 @@ def run(
     InputError
         The board has no twin.
     """
-    has_forces = "operator" in board.pipeline.stages
+    has_forces = board.writes("node_forces")
     if has_forces and calibration is None:
         calibration = _calibration(board)
     count = n or (N_QUICK if quick else N_TOUCHES)

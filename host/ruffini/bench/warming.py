@@ -23,6 +23,7 @@ from ruffini.sim.optics.settings import WarmingSettings
 from ruffini.sim.settings import TwinSettings, load_twin
 from ruffini.sim.surface import wrench_of
 from ruffini.sim.unit import TwinUnit
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]
@@ -92,7 +93,7 @@ class WarmingScene:
 
 
 def with_noise(board: Board, calibration: bytes, scene: WarmingScene) -> bytes:
-    """A calibration with the unit's touch noise, as `cal fit --only touch` measures it before the lamps warm up."""
+    """A calibration with the unit's touch noise, as `cal fit --only threshold` measures it before the lamps warm up."""
     file, n_rest = container.unpack(calibration), board.pipeline.n_rest_frames
     pressure = linear_pressure(board, file, (scene.frame(0.0) for _ in range(N_NOISE + n_rest)))
     noise = fit_contact_noise(pressure, n_rest)
@@ -217,12 +218,12 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         f"lamps that warm up apart for {result['duration_s']:.0f} s; a press of {press['force_n']:.3f} N is held from "
         f"{begin_s:.0f} to {end_s:.0f} s; depth of the untouched pad, worst frame",
-        f"{'correction':>14}{'RMS':>10}{'largest':>12}{'false touches':>21}",
-    ]
-    lines += [
-        f"{row['name']:>14}{row['rms_um']:7.1f} um{row['max_um']:9.1f} um{row['false_touches']:10d} of {row['frames']}"
-        for row in result["rows"]
-    ]
+        *aligned(("correction", "RMS", "largest", "false touches"), [
+            (row["name"], f"{row['rms_um']:.1f} um", f"{row['max_um']:.1f} um",
+             f"{row['false_touches']} of {row['frames']}")
+            for row in result["rows"]
+        ]),
+    ]  # fmt: skip
     board = result["rows"][-1]
     lines += [
         f"board: LIGHT in {board['flagged']} untouched frames; {board['unflagged_um']:.1f} um RMS at most without it; "

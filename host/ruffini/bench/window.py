@@ -20,6 +20,7 @@ from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.estimators.operator.error_model import N_TOUCHES, node_places
 from ruffini.estimators.operator.fit import board_slab, make_operator
 from ruffini.fem.operators import Noise
+from ruffini.tables import aligned
 from ruffini.wire.covariance import full_covariance
 
 Array = npt.NDArray[np.float64]
@@ -114,13 +115,14 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         f"window {result['margin_mm']:g} mm inside the pad, 0.6 mm, noise 5/5/20 um (every second frame half of it "
         "again correlated); errors of the seen nodes",
-        f"{'contacts':18}{'tangential':>12}{'normal':>9}{'resultant':>13}{'raw':>10}{'says so':>10}"
-        f"{'wrench within 1, 2 sigma':>27}",
-    ]
-    for where, r in result["rows"].items():
-        lines.append(
-            f"{where:18}{r['tangential']:12.3f}{r['normal']:9.3f}{1e3 * r['resultant_n']:10.1f} mN"
-            f"{1e3 * r['raw_resultant_n']:7.0f} mN{100 * r['says_so']:8.0f} %"
-            f"{r['wrench_within_1']:17.0f}, {r['wrench_within_2']:.0f} %"
-        )
+        *aligned(
+            ("contacts", "tangential", "normal", "resultant", "raw", "says so", "wrench within 1, 2 sigma"), [
+            (
+                where, f"{r['tangential']:.3f}", f"{r['normal']:.3f}", f"{1e3 * r['resultant_n']:.1f} mN",
+                f"{1e3 * r['raw_resultant_n']:.0f} mN", f"{100 * r['says_so']:.0f} %",
+                f"{r['wrench_within_1']:.0f}, {r['wrench_within_2']:.0f} %",
+            )
+            for where, r in result["rows"].items()
+        ]),
+    ]  # fmt: skip
     return "\n".join(lines)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from ruffini.native import stage_slots
+
 
 class Section(BaseModel):
     """A table of a settings file: unknown keys are errors, nothing is converted."""
@@ -89,6 +91,14 @@ class Targets(Section):
     below_um: int
     diameter_um: int
     threshold_1e3: int
+
+
+class PictureFeatures(Section):
+    """[picture_features]: a grid on the gel, whose corners in the picture go from the top left with the clock."""
+
+    corners_px: list[list[int]]
+    n_x: int
+    n_y: int
 
 
 class Depth(Section):
@@ -266,6 +276,7 @@ class Board(Section):
     window: Window
     markers: Markers | None = None  # a pipeline without the stage needs none
     targets: Targets | None = None
+    picture_features: PictureFeatures | None = None
     depth: Depth
     contact: Contact
     skin: Skin | None = None
@@ -292,6 +303,10 @@ class Board(Section):
     @property
     def folder(self) -> Path | None:
         return self._folder
+
+    def writes(self, slot: str) -> bool:
+        """True if one of the board's stages writes the slot (firmware/core/slots.h)."""
+        return any(slot in stage_slots()[stage] for stage in self.pipeline.stages)
 
     @property
     def resolution(self) -> str:

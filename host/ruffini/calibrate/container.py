@@ -43,6 +43,7 @@ KINDS = {
     "views",
     "wrench",
 }
+OPTICAL_KINDS = {"photometric"}  # the manifest's `optics` are those that these were fitted with
 PASSED, FAILED = "passed", "failed: "  # the manifest's gates: the report's verdict, or FAILED and names
 DTYPES = {"U8": np.uint8, "I16": np.int16, "U16": np.uint16, "I32": np.int32}
 # Anybody can derive this key: it proves integrity, not origin. STATUS says when it is in use.
@@ -304,7 +305,7 @@ def merge(files: list[CalibrationFile], seed: bytes = DEVELOPMENT_SEED) -> Calib
             metadata = {k: v for k, v in metadata.items() if not k.startswith(kind + ".")}
         tensors.update(file.tensors)
         metadata.update(file.metadata)
-        if "photometric" in file.kinds:
+        if OPTICAL_KINDS & set(file.kinds):
             optics = file.metadata.get("optics", "")
     metadata["optics"] = optics
     metadata = {**{k: v for k, v in metadata.items() if k != "gates"}, **_merged_gates(files)}

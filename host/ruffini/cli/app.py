@@ -18,7 +18,6 @@ from ruffini.cli import (
     camera,
     check,
     collect,
-    contact,
     dark,
     demo,
     design,
@@ -26,7 +25,6 @@ from ruffini.cli import (
     doctor,
     eeprom,
     evaluate,
-    fingertip,
     fit,
     flash,
     fleet,
@@ -41,8 +39,6 @@ from ruffini.cli import (
     rerun,
     ros2,
     sim,
-    skin,
-    touch,
     train,
     udev,
     validate,
@@ -62,11 +58,7 @@ OWN_FITS: dict[str, Function] = {
     "photometric": cal.photometric,
     "camera": camera.camera,
     "dark": dark.dark,
-    "contact": contact.contact,
-    "touch": touch.touch,
     "wrench": wrench.wrench,
-    "skin": skin.skin,
-    "fingertip": fingertip.fingertip,
 }
 
 
@@ -82,6 +74,13 @@ class Fit(TyperCommand):
                 own.command(stage)(OWN_FITS[stage])
                 return typer.main.get_command(own).make_context(f"fit --only {stage}", rest, parent=parent, **extra)
         return super().make_context(info_name, args, parent=parent, **extra)
+
+
+class OldFit(TyperCommand):
+    """`cal STAGE` of the release before: `cal fit --only STAGE`."""
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        return super().make_context(info_name, ["--only", str(info_name), *args], parent=parent, **extra)
 
 
 def _add(group: typer.Typer, verbs: Mapping[str, Function], panel: str | None = None) -> None:
@@ -202,6 +201,9 @@ def _renamed(group: typer.Typer, verbs: Mapping[str, Function], old: str, new: s
 
 
 _renamed(calibration, OWN_FITS, "cal {}", "cal fit --only {}")
+for stage in ("contact", "fingertip", "skin", "touch"):
+    new = f"cal fit --only {fit.OLD_STAGES.get(stage, stage)}"
+    calibration.command(stage, hidden=True, cls=OldFit)(told(f"cal {stage}", new, fit.fit))
 _renamed(calibration, {"show": cal.show, "verify": cal.verify, "merge": cal.merge}, "cal {}", "cal file {}")
 _renamed(app, {"track": offline.track, "depth": offline.depth, "field": offline.field}, "{}", "offline {}")
 _renamed(twin, {"validate": validate.validate}, "sim {}", "bench mechanics")

@@ -17,8 +17,8 @@ from ruffini.errors import InputError, RefusedError
 if TYPE_CHECKING:
     from ruffini.boards import Board
     from ruffini.calibrate.auto.run import Opened, Site
-    from ruffini.calibrate.auto.tasks import Task
     from ruffini.calibrate.container import CalibrationFile
+    from ruffini.estimators.task import Task, Turned
 
 SIMULATED = "sim"
 
@@ -54,13 +54,14 @@ def auto(
     from ruffini.calibrate import container, keys
     from ruffini.calibrate.auto.page import headline
     from ruffini.calibrate.auto.run import Auto
-    from ruffini.calibrate.auto.tasks import task_of
+    from ruffini.estimators.table import task_of
+    from ruffini.estimators.task import Turned
 
     found = find_board(board)
-    if "fingertip" in found.pipeline.stages:
-        _fingertip(found, rig, out, previous, quick=quick, force=force, json_=json_)
-        return
     task = task_of(found)
+    if isinstance(task, Turned):
+        _turned(found, task, rig, out, previous, quick=quick, force=force, json_=json_)
+        return
     before = None if previous is None else keys.read_verified(previous)
     if before is not None:
         container.check_board(before, found)
@@ -84,17 +85,18 @@ def auto(
     )  # fmt: skip
 
 
-def _fingertip(
-    board: Board, rig: str, out: Path | None, previous: Path | None, *, quick: bool, force: bool, json_: bool
-) -> None:
-    """A fingertip is turned under several tools: only the twin's bench does that by itself."""
+def _turned(
+    board: Board, task: Turned, rig: str, out: Path | None, previous: Path | None, *,
+    quick: bool, force: bool, json_: bool,
+) -> None:  # fmt: skip
+    """Turned under several tools: only the twin's bench does that by itself."""
     from ruffini.calibrate import container
     from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm
 
     if rig != SIMULATED:
         raise InputError(
             f"board {board.name!r} is pressed by several tools while it is turned under them, which no machine of "
-            "`cal auto` does: record such presses and fit them with `ruffini cal fit --only fingertip`; "
+            f"`cal auto` does: record such presses and fit them with `ruffini cal fit --only {task.name}`; "
             "--rig sim plays it on the twin"
         )
     before = None if previous is None else container.read(previous)
@@ -102,7 +104,7 @@ def _fingertip(
         container.check_board(before, board)
     folder = Path(tempfile.mkdtemp(prefix="ruffini-auto-")) if out is None else out
     folder.mkdir(parents=True, exist_ok=True)
-    result = TipAuto(board, folder, eyes_apart_mm(board), note, quick, force, before).run()
+    result = TipAuto(board, task, folder, eyes_apart_mm(board), note, quick, force, before).run()
     after, mean = result["after"], result["after"]["mean"]
     was = "" if result["before"] is None else f"{1e-3 * result['before']['error']:.3f} N before, now "
     emit(
@@ -147,12 +149,9 @@ def _points(board: Board, folder: Path) -> Path | None:
     """A twin's known points, as a person reads them off its picture; only a tube's lens needs them."""
     if board.skin is None or board.skin.shape != "tube":
         return None
-    from ruffini.files import write_whole
-    from ruffini.sim.optics.known_points import known_points
+    from ruffini.sim.optics.known_points import write_known_points
 
-    path, rows = folder / "points.csv", (",".join(f"{v:.3f}" for v in row) for row in known_points(board))
-    write_whole(path, "\n".join(["x_px,y_px,z_mm", *rows, ""]).encode())
-    return path
+    return write_known_points(board, folder)
 
 
 def _need_known(active: Any, known: set[bytes]) -> None:
@@ -180,11 +179,11 @@ def _real(
     if task.program == INDENTERS:
         raise InputError(
             f"board {board.name!r} is fitted on indenters of many sizes and hardnesses, and `cal auto` does not know "
-            "yet which ones your bench has: use `ruffini cal fit --only contact`, or --rig sim"
+            f"yet which ones your bench has: use `ruffini cal fit --only {task.name}`, or --rig sim"
         )
-    if task.stage == "operator" and (settings.tip is None or settings.tip.shape != "sphere"):
+    if task.needs_ball and (settings.tip is None or settings.tip.shape != "sphere"):
         raise InputError(f"{path}: `cal auto` learns the colours from a ball: give [tip] shape = 'sphere', diameter_mm")
-    if task.stage == "skin" and points is None:
+    if task.needs_points and points is None:
         raise InputError("the lens is fitted to known points: give --points FILE (CSV: x_px, y_px, z_mm)")
     span = task.span(board, depth_m, shear_m, settings.limits.reach_m)
     flashed = folder / "flashed.txt"  # what this run put there: it may be stopped and go on

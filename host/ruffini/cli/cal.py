@@ -204,9 +204,9 @@ def material(
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
     note(f"cal material: board {board}")
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import gates_of_material
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.material.fit import fit_material, log_from_recording
+    from ruffini.estimators.material.judge import gates_of_material
     from ruffini.estimators.operator.gauge import gauge_uncertainty_m
     from ruffini.fem.operators import Noise
 
@@ -251,16 +251,16 @@ def fit_relaxation_of_log(
     """Fit how much force the pad loses under a held strain, and how fast, to a recording with a reference wrench."""
     note(f"cal relaxation: board {board}")
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import gates_of_relaxation
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.relaxation.fit import fit_relaxation, log_from_recording
+    from ruffini.estimators.relaxation.stage import RELAXATION
 
     file = container.read(calibration)
     found = container.board_of(file, board)
     with progress_bar("frames") as progress:
         frames = log_from_recording(found, file, log, reference, progress=progress)
     fit = fit_relaxation(frames)
-    gates = gates_of_relaxation(fit.report())
+    gates = RELAXATION.gates(fit.report(), found)
     report = {**fit.report(), "gates": [gate._asdict() for gate in gates]}
     write_fit(out, found, report)
     terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
@@ -306,10 +306,11 @@ def photometric(
     note(f"cal photometric: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import gates_of_presses, manifest_of
+    from ruffini.calibrate.gates import manifest_of
     from ruffini.estimators.photometric.fitted import fit_presses
     from ruffini.estimators.photometric.pad_view import pad_view
     from ruffini.estimators.photometric.presses import load_presses
+    from ruffini.estimators.photometric.stage import PHOTOMETRIC
 
     found = find_board(board)
     measured = None if camera is None else _camera_of(camera, found)
@@ -318,7 +319,7 @@ def photometric(
     presses = presses if dark is None else _less_dark(presses, dark, found)
     with progress_bar("fit") as progress:
         fit = fit_presses(presses, found, is_foreign=foreign, source=source, view=view, progress=progress)
-        gates = gates_of_presses(fit.report)
+        gates = PHOTOMETRIC.gates(fit.report, found)
         metadata = {**container.base_metadata(found), **manifest_of(fit.report, gates), **fit.metadata}
         container.write(out, container.pack(fit.tensors, metadata))
         result = {"file": str(out), **fit.report, "gates": [gate._asdict() for gate in gates]}

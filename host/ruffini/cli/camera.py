@@ -37,8 +37,9 @@ def camera(
     """Fit lens, mounting and refraction to pictures of a flat target."""
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import gates_of_camera, manifest_of
+    from ruffini.calibrate.gates import manifest_of
     from ruffini.estimators.camera.fit import fit_camera, tables
+    from ruffini.estimators.camera.stage import CAMERA
     from ruffini.estimators.camera.targets import Target
     from ruffini.frames import image_files
 
@@ -54,7 +55,7 @@ def camera(
     fit = fit_camera(paths, shown, found, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit.model, found)
     report = fit.report()
-    gates = gates_of_camera(report)
+    gates = CAMERA.gates(report, found)
     base = {**container.base_metadata(found), **manifest_of(report, gates)}
     container.write(out, container.pack({**tensors}, {**base, **metadata}))
     skipped = f", none in {', '.join(report['skipped'])}" if report["skipped"] else ""
@@ -70,7 +71,8 @@ def _several(
     out: Path, json_: bool,
 ) -> None:  # fmt: skip
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import gates_of_camera, manifest_of
+    from ruffini.calibrate.gates import manifest_of
+    from ruffini.estimators.camera.stage import CAMERA
     from ruffini.estimators.camera.views import fit_views, tables, view_kinds
 
     kinds = view_kinds(views)
@@ -79,7 +81,7 @@ def _several(
     fit = fit_views(paths, shown, board, kinds, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit, board)
     report = fit.report()
-    gates = gates_of_camera(report)
+    gates = CAMERA.gates(report, board)
     base = {**container.base_metadata(board), **manifest_of(report, gates)}
     container.write(out, container.pack({**tensors}, {**base, **metadata}))
     each = "; ".join(f"{v['kind']}: {v['pictures']} pictures, {v['residual_px']:.3f} px" for v in report["views"])

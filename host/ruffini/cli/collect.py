@@ -31,16 +31,20 @@ def collect(
     out: Annotated[Path, typer.Option("--out", help="Log (HDF5) to write; run again after a stop to go on with it.")],
     rig: Annotated[str, typer.Option("--rig", help="File of the bench (host/ruffini/rig/README.md), or sim.")],
     program: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="grid (depth and shear), balls (straight presses), or by hand: weights, free, conditions, "
-            "log (the reference is a CSV of another program)."
+            "log (the reference is a CSV of another program). Default: what the board's estimator is fitted to."
         ),
-    ] = "grid",
+    ] = None,
     n: Annotated[int | None, typer.Option("--n", min=1, help="Touches. Default: 20, conditions 18.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="6 touches, for a first look.")] = False,
-    depth_mm: Annotated[float, typer.Option(min=0.05, max=10, help="Deepest press below the contact.")] = 0.8,
-    shear_mm: Annotated[float, typer.Option(min=0, max=5, help="How far it goes sideways (grid).")] = 0.3,
+    depth_mm: Annotated[
+        float | None, typer.Option(min=0.05, max=10, help="Deepest press below the contact. Default: the estimator's.")
+    ] = None,
+    shear_mm: Annotated[
+        float | None, typer.Option(min=0, max=5, help="How far it goes sideways (grid). Default: the estimator's.")
+    ] = None,
     hold_s: Annotated[
         float,
         typer.Option(min=0.5, max=60, help="How long each touch is held (grid, balls); 3 tells a gel's relaxation."),
@@ -62,7 +66,9 @@ def collect(
     ] = False,
     http_port: Annotated[int, typer.Option(min=0, max=65535, help="--view: port for the page (0 = any).")] = HTTP_PORT,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="--view: print the address, open nothing.")] = False,
-    ball_mm: Annotated[float, typer.Option(help="--rig sim: diameter of the ball.")] = 6.0,
+    ball_mm: Annotated[
+        float | None, typer.Option(help="--rig sim: diameter of the ball. Default: the estimator's.")
+    ] = None,
     machine: Annotated[str, typer.Option(help="--rig sim: marlin or grbl.")] = "marlin",
     unit: Annotated[int | None, typer.Option(help="--rig sim: unit of a fleet, off its board file.")] = None,
     modulus: Annotated[float, typer.Option(help="--rig sim: the pad's modulus over the board's.")] = 1.0,
@@ -73,12 +79,18 @@ def collect(
     note(f"cal collect: board {board}")
     from ruffini.boards import find_board
     from ruffini.demo.twin_session import MACHINES, TwinOptions
+    from ruffini.estimators.table import pressed_for
     from ruffini.rig import collect as collecting
     from ruffini.rig.log_file import LogWriter
-    from ruffini.rig.program import BY_STAGE, CONDITIONS, Touch, plan, span_of
+    from ruffini.rig.program import BY_STAGE, CONDITIONS, PROGRAMS, Touch, plan, span_of
 
     found = find_board(board)
     settings = None if rig == SIMULATED else _settings(rig)
+    task = pressed_for(found)
+    program = program or (task.program if task.program in PROGRAMS else "grid")
+    depth_mm = task.depth_mm if depth_mm is None else depth_mm
+    shear_mm = task.shear_mm if shear_mm is None else shear_mm
+    ball_mm = task.ball_mm if ball_mm is None else ball_mm
     if machine not in MACHINES:
         raise InputError(f"--machine {machine!r}: choose {' or '.join(MACHINES)}")
     options = TwinOptions(machine, ball_mm, seed, _error(found, unit, modulus, thickness), say=note)

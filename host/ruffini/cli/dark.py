@@ -20,8 +20,8 @@ def dark(
     note(f"cal dark: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import gates_of_dark, manifest_of
-    from ruffini.estimators.camera.dark import dark_frame
+    from ruffini.calibrate.gates import manifest_of
+    from ruffini.estimators.camera.dark import dark_frame, gates_of_dark
     from ruffini.frames import read_frames
 
     found = find_board(board)

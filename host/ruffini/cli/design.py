@@ -9,6 +9,7 @@ import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
+from ruffini.tables import aligned
 
 
 def _numbers(text: str, option: str) -> list[float]:
@@ -50,16 +51,16 @@ def design(
         }
         for c in curves
     ]  # fmt: skip
-    lines = [f"{found.name}, SIMULATED: {indenter} of {radius_mm:g} mm, to {depth_mm:g} mm",
-             f"  {'':14}{'MPa':>8}{'mm':>7}{f'mm at {force_n:g} N':>14}{'collapses at':>15}"]  # fmt: skip
-    for c in curves:
-        depth, collapse = c.depth_at(force_n), c.collapse_n
-        lines.append(
-            f"  {c.label:14}{c.modulus_pa * 1e-6:8.2f}{c.thickness_mm:7.2f}"
-            f"{'not reached' if depth is None else f'{depth:.2f}':>14}"
-            f"{'-' if collapse is None else f'{collapse:.2f} N':>15}"
-            + (f"  ended at {c.depth_mm[-1]:.2f} mm" if c.ended else "")
+    lines = [f"{found.name}, SIMULATED: {indenter} of {radius_mm:g} mm, to {depth_mm:g} mm"]
+    lines += aligned(("", "MPa", "mm", f"mm at {force_n:g} N", "collapses at", ""), [
+        (
+            c.label, f"{c.modulus_pa * 1e-6:.2f}", f"{c.thickness_mm:.2f}",
+            "not reached" if (depth := c.depth_at(force_n)) is None else f"{depth:.2f}",
+            "-" if c.collapse_n is None else f"{c.collapse_n:.2f} N",
+            f"ended at {c.depth_mm[-1]:.2f} mm" if c.ended else "",
         )
+        for c in curves
+    ])  # fmt: skip
     if out is not None:
         picture(out, found, curves, force_n)
         lines.append(str(out))

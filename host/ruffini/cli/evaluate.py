@@ -121,13 +121,13 @@ def photometric(
     note(f"eval photometric: board {board}")
     from ruffini.calibrate import container
     from ruffini.estimators.photometric.presses import load_presses, reference_images
+    from ruffini.estimators.photometric.stage import PHOTOMETRIC
     from ruffini.evaluate import photometric as judge
     from ruffini.frames import image_files
 
     file = container.read(calibration)
     found = container.board_of(file, board)
-    if "photometric" not in file.kinds:
-        raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal fit --only photometric`")
+    PHOTOMETRIC.need(file, calibration)
     presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, at_least=1, may_find=True)
     still = image_files(untouched) if untouched is not None else []
     with progress_bar("presses") as progress:

@@ -9,18 +9,31 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
 
 if TYPE_CHECKING:
     from ruffini.calibrate.fit.job import Outcome
 
 
+OLD_STAGES = {"touch": "threshold"}  # names of the release before
+
+
 def fit(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of `cal collect`, or recordings.")],
-    board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="Calibration file to write.")],
+    logs: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="LOG...", help="Logs of `cal collect`, recordings, or folders of presses."),
+    ] = None,
+    board: Annotated[
+        str | None, typer.Option("--board", help="Board name or folder. Default: that of --previous.")
+    ] = None,
     previous: Annotated[
-        Path | None, typer.Option(help="Calibration before: what is not fitted is kept, and few presses are enough.")
+        Path | None,
+        typer.Option(
+            "--previous",
+            "--calibration",
+            help="Calibration before: what is not fitted is kept, and few presses are enough.",
+        ),
     ] = None,
     fleet: Annotated[Path | None, typer.Option("--prior", help="File of `cal fleet`: what units are like.")] = None,
     balls: Annotated[Path | None, typer.Option(help="Ball presses, as of `cal fit --only photometric`.")] = None,
@@ -29,15 +42,21 @@ def fit(
         typer.Option("--with", help="File of `cal fit --only camera` or `cal fit --only photometric` to build on."),
     ] = None,
     points: Annotated[
-        Path | None, typer.Option(help="Known points of a tube's lens, as of `cal fit --only skin`.")
+        Path | None, typer.Option(help="Known points of a tube's lens (CSV: x_px, y_px, z_mm along the tube).")
     ] = None,
+    baseline_mm: Annotated[
+        float | None, typer.Option("--baseline-mm", help="Distance between the eyes of a fingertip.")
+    ] = None,
+    pattern: Annotated[str, typer.Option(help="Of the folders of presses that a fingertip is fitted to.")] = "*",
     skip: Annotated[list[str] | None, typer.Option(help="Stage to leave out; may be given again.")] = None,
     only: Annotated[
-        str | None, typer.Option(help="One stage alone; with --help the options of a stage that has its own.")
+        str | None,
+        typer.Option(help="One stage alone, added to --previous; with --help the options of a stage that has its own."),
     ] = None,
     strain: Annotated[str, typer.Option(help="finite for a real pad, or linear.")] = "linear",
     touches: Annotated[int, typer.Option(min=0, help="Simulated touches behind the stated uncertainty.")] = 120,
     serial: Annotated[str, typer.Option("--unit", help="Serial number of the sensor that it is for.")] = "*",
+    more_logs: Annotated[list[Path] | None, typer.Option("--log", "--presses", hidden=True)] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Fit what the board needs, stage after stage, to a log; the file carries its gates."""
@@ -46,46 +65,51 @@ def fit(
     from ruffini.calibrate import container, keys
     from ruffini.calibrate.fit.job import Job
     from ruffini.calibrate.fit.run import finished, run_stages
-    from ruffini.calibrate.fit.stages import STAGES
     from ruffini.calibrate.gates import failed
     from ruffini.errors import InputError
     from ruffini.estimators.material.prior import read_prior
+    from ruffini.estimators.table import BY_NAME
 
     if strain not in ("linear", "finite"):
         raise InputError(f"--strain {strain!r}: choose linear or finite")
-    found = find_board(board)
+    paths = [*(logs or []), *(more_logs or [])]
+    if not paths:
+        raise InputError("no log: give logs, recordings or folders of presses")
+    if only in OLD_STAGES:
+        note(f"stage {only} is now called {OLD_STAGES[only]}")
+        only = OLD_STAGES[only]
+    if only is not None and only not in BY_NAME:
+        raise InputError(f"--only {only!r}: there is no such stage; there are {', '.join(BY_NAME)}")
+    before = None if previous is None else keys.read_verified(previous)
+    if before is None and board is None:
+        raise InputError("no board: give --board, or --previous with a calibration of it")
+    found = container.board_of(before, board) if before is not None else find_board(board or "")
     job = Job(
-        found, logs, None if previous is None else keys.read_verified(previous),
+        found, paths, before,
         [keys.read_verified(path) for path in given or []], balls, None if fleet is None else read_prior(fleet, found),
-        is_finite=strain == "finite", n_error_touches=touches, points=points,
+        is_finite=strain == "finite", n_error_touches=touches, points=points, baseline_mm=baseline_mm, pattern=pattern,
+        only=only,
     )  # fmt: skip
-    for file in [*job.parts, *([job.previous] if job.previous else [])]:
+    for file in job.parts:
         container.check_board(file, found)
-    left_out = frozenset(skip or [])
-    if only is not None:
-        names = [stage.name for stage in STAGES]
-        if only not in names:
-            raise InputError(f"--only {only!r}: there is no such stage; there are {', '.join(names)}")
-        left_out |= set(names) - {only}
+    if only is not None and not BY_NAME[only].applies(found):
+        note(f"the stages of board {found.name!r} do not use what stage {only} makes")
     start = time.monotonic()
     with progress_bar("fit") as bar:
-        outcomes = run_stages(job, left_out, tell=teller(), progress=lambda _, done: bar(done))
+        outcomes = run_stages(job, frozenset(skip or []), tell=teller(), progress=lambda _, done: bar(done))
         file, gates = finished(job, outcomes, serial)
     container.write(out, file)
     bad = failed(gates)
-    for gate in gates:
-        note(f"{'ok  ' if gate.ok else 'open' if gate.ok is None else 'FAIL'} {gate.name}: {gate.text}")
-    emit(
+    details = "".join(f"\n{text}" for name, o in outcomes.items() if (text := BY_NAME[name].details(o.report)))
+    emit_judged(
         {"file": str(out), "board": found.name, "kinds": file.kinds,
          "seconds": time.monotonic() - start, "passed": not bad,
          "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
          "gates": [gate._asdict() for gate in gates]},
-        json_,
-        f"{out}: {', '.join(file.kinds)} from {', '.join(path.name for path in logs)}; "
-        + (f"FAILS {', '.join(g.name for g in bad)}: it will not be flashed" if bad else "passes its gates"),
+        gates, json_,
+        f"{out}: {', '.join(file.kinds)} from {', '.join(path.name for path in paths)}"
+        + ("" if bad else "; passes its gates") + details,
     )  # fmt: skip
-    if bad:
-        raise typer.Exit(1)
 
 
 def teller() -> Callable[[str, Outcome, float], None]:

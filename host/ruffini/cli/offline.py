@@ -128,13 +128,13 @@ def depth(
     from ruffini.core import Pipeline
     from ruffini.core.faults import faults
     from ruffini.demo.pictures import depth_map
+    from ruffini.estimators.photometric.stage import PHOTOMETRIC
     from ruffini.files import write_array
     from ruffini.frames import read_image
 
     file = container.read(calibration)
     found = container.board_of(file, board)
-    if "photometric" not in file.kinds:
-        raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal fit --only photometric`")
+    PHOTOMETRIC.need(file, calibration)
     beside, above = images[0].parent, images[0].parent.parent
     references = [reference] if reference else next(filter(None, (
         sorted(folder.glob(f"{name}*.png")) for name in ("reference", "press_ref") for folder in (beside, above)
@@ -190,12 +190,12 @@ def field(
     from ruffini.calibrate import container
     from ruffini.core import Pipeline
     from ruffini.core.pipeline import DISPLACEMENT_LSB_M
+    from ruffini.estimators.operator.stage import OPERATOR
     from ruffini.files import read_array, write_array
 
     file = container.read(calibration)
     found = container.board_of(file, board)
-    if "operator" not in file.kinds:
-        raise InputError(f"{calibration} has no operator: make one with `ruffini cal fit --only operator`")
+    OPERATOR.need(file, calibration)
     u = read_array(displacement)
     shape = (found.grid.n_y, found.grid.n_x, 3)
     if u.ndim != 4 or u.shape[1:] != shape or u.dtype.kind != "f":

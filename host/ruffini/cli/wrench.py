@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
+from ruffini.tables import aligned
 
 MOST_LISTED = 12  # recordings
 
@@ -98,14 +99,14 @@ def wrench(
     note(f"cal wrench: board {board}" if board else "cal wrench: columns of a log")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.fit.job import Outcome
-    from ruffini.calibrate.gates import gates_of_stages, manifest_of
+    from ruffini.calibrate.gates import manifest_of
     from ruffini.calibrate.log.columns import read_column_logs
     from ruffini.errors import InputError
     from ruffini.estimators.wrench.fit import fit_wrench_map
     from ruffini.estimators.wrench.log import Features, features_of, read_feature_runs
     from ruffini.estimators.wrench.marker_prior import marker_prior
     from ruffini.estimators.wrench.model import recordings_of
+    from ruffini.estimators.wrench.stage import WRENCH
     from ruffini.estimators.wrench.tables import tables
     from ruffini.estimators.wrench.target_geometry import second_order_of
     from ruffini.files import write_whole
@@ -140,11 +141,11 @@ def wrench(
     )
     for line in fit.checks:
         note(line)
-    if found is not None and "feature_wrench" not in found.pipeline.stages:
-        note(f"board {found.name!r} has no stage feature_wrench: it would not use this table")
+    if found is not None and not WRENCH.is_used(found):
+        note(f"board {found.name!r} has no stage that makes a wrench of features: it would not use this table")
     tensors, metadata = tables(fit, sort)
     base = container.base_metadata(found) if found else container.metadata_without_board()
-    gates = gates_of_stages({"wrench": Outcome("fitted", "", fit.report())})
+    gates = WRENCH.gates(fit.report(), found)
     residuals = json.loads(metadata["residuals"])
     container.write(out, container.pack(tensors, {**base, **metadata, **manifest_of(residuals, gates)}))
     left_out = residuals["left_out"]
@@ -155,23 +156,24 @@ def wrench(
 
 
 def _text(out: Path, fit: Fit) -> str:
+    import numpy as np
+
     from ruffini.estimators.wrench.model import AXES
 
     lines = [
         f"{out}: {fit.n_frames} frames of {fit.n_runs} recordings, reference {1e3 * fit.lag_s:.1f} ms behind the "
         f"pictures, condition number {fit.condition:.1f}",
         f"  errors on {fit.left_out} that were not fitted, against the reference (K alone: RMSE):",
-        f"  {'':4}{'range':>10}{'K alone':>10}{'RMSE':>10}{'MAE':>10}{'R2':>8}",
     ]
-    for i, axis in enumerate(AXES):
-        unit = "N" if i < 3 else "N mm"
-        extra = ", ".join(name for name, axes in fit.terms.items() if axis in axes)
-        state = extra if fit.map.full[i] else "not measured: the log hardly loads it"
-        lines.append(
-            f"  {axis:4}{abs(fit.map.full[i]):>10.3g}{fit.linear_rmse[i]:>10.3g}{fit.rmse[i]:>10.3g}"
-            f"{fit.mae[i]:>10.3g}{fit.r2[i]:>8.3f}"
-            f"  {unit}{'  ' + state if state else ''}"
+    columns = (np.abs(fit.map.full), fit.linear_rmse, fit.rmse, fit.mae, fit.r2)
+    lines += aligned(("", "range", "K alone", "RMSE", "MAE", "R2", "", ""), [
+        (
+            axis, *(f"{column[i]:.3g}" for column in columns), "N" if i < 3 else "N mm",
+            ", ".join(name for name, axes in fit.terms.items() if axis in axes) if fit.map.full[i]
+            else "not measured: the log hardly loads it",
         )
+        for i, axis in enumerate(AXES)
+    ], indent="  ")  # fmt: skip
     for name, (rmse, mae) in fit.by_recording.items() if len(fit.by_recording) < MOST_LISTED else ():
         lines.append(f"  {name}: RMSE {_listed(rmse)}; MAE {_listed(mae)}")
     if fit.kernel:

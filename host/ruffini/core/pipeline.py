@@ -33,7 +33,7 @@ from ruffini.core.rows import (
     TouchRow as TouchRow,
 )
 from ruffini.errors import InputError
-from ruffini.native import library
+from ruffini.native import library, stage_slots
 
 N_COVARIANCE = 21  # upper triangle of 6 x 6
 DISPLACEMENT_LSB_M = 125e-9
@@ -99,12 +99,6 @@ class Slot:
     columns: tuple[str, ...]
 
 
-def stages() -> tuple[str, ...]:
-    """The stages that a board may list, in their order."""
-    core = library()
-    return tuple(core.ruffini_stage_name(i).decode() for i in range(core.ruffini_stage_count()))
-
-
 @dataclass(frozen=True)
 class Frame:
     """What one frame gave, beyond the arrays of `Pipeline`.
@@ -165,7 +159,7 @@ class Pipeline:
         self.board = board
         self.layout = layout
         self.slots = dict(self._describe())
-        self._stages = stages()
+        self._stages = tuple(stage_slots())
         self._n_frames = 0
 
     def __enter__(self) -> Pipeline:
@@ -329,14 +323,12 @@ class Pipeline:
         return self.raw("targets")
 
     def features(self) -> npt.NDArray[np.int64]:
-        """What the stage feature_wrench reads, (n,).
+        """Features of the last frame, (n,), of which the stage feature_wrench makes the wrench.
 
-        dx, dy (px Q16) and change of area (px^2 Q8) of each target; where there are none, dx and dy of each marker.
+        dx, dy (px Q16) and change of area (px^2 Q8) of each target; dx and dy of each marker; or the relative change
+        (Q16) of blue, green and red over the grid of [picture_features].
         """
-        if "targets" in self.slots:
-            rows = self.targets()
-            return np.asarray((rows[:, [4, 5, 6]] - rows[:, [0, 1, 2]]).ravel())
-        return self.raw("markers")[..., 2:].ravel().astype(np.int64)
+        return self.raw("features").astype(np.int64)
 
     def contacts(self) -> list[ContactRow]:
         """The listed contacts of the last frame, largest first."""

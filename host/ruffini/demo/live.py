@@ -58,10 +58,9 @@ class LiveField:
         if self._live is not None:
             self._live.stop()
 
-    def show(self, force_n: Array, wrench: Array, truth: Array | None, flags: list[str]) -> None:
-        """One more frame."""
+    def show(self, force_n: Array | None, wrench: Array, truth: Array | None, flags: list[str]) -> None:
+        """One more frame; `force_n` is None of a board without a field."""
         self._count += 1
-        self._full_scale = max(0.995 * self._full_scale, float(-force_n[..., 2].min()), 1e-3)
         now = time.monotonic()
         lines = self._wrench_lines(wrench, truth, flags)
         if self._live is None:
@@ -73,7 +72,11 @@ class LiveField:
         self._last = now
         from rich.text import Text
 
-        self._live.update(Text("\n".join([self._title, *field_text(force_n, self._full_scale), *lines])))
+        field: list[str] = []
+        if force_n is not None:
+            self._full_scale = max(0.995 * self._full_scale, float(-force_n[..., 2].min()), 1e-3)
+            field = field_text(force_n, self._full_scale)
+        self._live.update(Text("\n".join([self._title, *field, *lines])))
 
     @staticmethod
     def _wrench_lines(wrench: Array, truth: Array | None, flags: list[str]) -> list[str]:

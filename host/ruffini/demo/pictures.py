@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from ruffini.device.results import Contact
 
 Array = npt.NDArray[np.float64]
 
@@ -113,6 +116,41 @@ def field_over_frame(
     return _save(figure, path)
 
 
+def contacts_beside_frame(
+    path: Path,
+    frame_bgr: npt.NDArray[np.uint8],
+    true_force_n: Array,
+    size_mm: tuple[float, float],
+    contacts: Sequence[Contact],
+    *,
+    title: str,
+) -> Path:
+    """The camera image, and the contacts on the pad over the true force of its nodes.
+
+    `true_force_n` (n_y, n_x, 3) newtons lies evenly over the pad of `size_mm`; of a tube the pad is the unrolled skin.
+    """
+    figure, (left, right) = _figure(11.0, 4.3, ncols=2)
+    left.imshow(frame_bgr[:, :, ::-1])
+    left.set_axis_off()
+    x, y = (np.linspace(-0.5, 0.5, n) * size for n, size in zip(true_force_n.shape[1::-1], size_mm, strict=True))
+    size = 1e3 * np.linalg.norm(true_force_n, axis=-1)
+    shown = right.pcolormesh(x, y, size, cmap=PRESSURE_MAP, shading="gouraud")
+    figure.colorbar(shown, ax=right, label="true force per node (simulated), mN", shrink=0.8)
+    for i, contact in enumerate(contacts):
+        at = np.array(contact.center) * 1e3
+        right.plot(*at, "+", color="white", markersize=14, markeredgewidth=2)
+        force = contact.force[np.isfinite(contact.force)]
+        if force.size == 0:  # of its place alone
+            continue
+        beside = (8, 8) if i % 2 == 0 else (-48, 8)  # two that touch each other have two labels
+        right.annotate(f"{np.linalg.norm(force):.2f} N", at, beside, textcoords="offset points", color="white")
+    right.set_aspect("equal")
+    right.invert_yaxis()
+    right.set(xlabel="x, mm", ylabel="y, mm")
+    figure.suptitle(title + ("; white crosses: measured" if contacts else ""))
+    return _save(figure, path)
+
+
 def depth_map(
     path: Path, depth_um: Array, *, title: str, place_mm: Array | None = None, truth: tuple[Array, Array] | None = None
 ) -> Path:
@@ -149,8 +187,11 @@ def wrench_over_time(path: Path, time_s: Array, wrench: Array, *, title: str, tr
     `wrench` and `truth` are (n, 6): force then moment about the undeformed pad centre; NaN where
     not measured.
     """
-    figure, axes = _figure(10.0, 6.0, nrows=2, sharex=True)
-    for axis, offset, label in ((axes[0], 0, "force, N"), (axes[1], 3, "moment, N mm")):
+    groups = [(0, "force, N"), (3, "moment, N mm")]
+    groups = [(offset, label) for offset, label in groups if np.isfinite(wrench[:, offset : offset + 3]).any()]
+    figure, rows = _figure(10.0, 3.0 * len(groups), nrows=len(groups), sharex=True, squeeze=False)
+    axes = rows[:, 0]
+    for axis, (offset, label) in zip(axes, groups, strict=True):
         for i, colour in enumerate(COLOURS):
             if np.isnan(wrench[:, offset + i]).all():
                 axis.plot([], [], color=colour, label=f"{AXES[i]} not measured")
@@ -161,6 +202,6 @@ def wrench_over_time(path: Path, time_s: Array, wrench: Array, *, title: str, tr
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
         axis.legend(**ABOVE)
-    axes[1].set_xlabel("time, s")
+    axes[-1].set_xlabel("time, s")
     figure.suptitle(title + ("   (dashed: simulated truth)" if truth is not None else ""))
     return _save(figure, path)

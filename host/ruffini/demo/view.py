@@ -18,13 +18,13 @@ def node_pixels(board: Board) -> npt.NDArray[np.float64]:
     return np.asarray(grid + np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3)
 
 
-def depth_places(board: Board, depth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def depth_places(board: Board, depth_m: npt.NDArray[np.float64], step_px: int) -> npt.NDArray[np.float64]:
     """Where on the pad each cell of a depth map looks, (n_y, n_x, 2) metres from the pad's centre.
 
-    A cell is step x step pixels; its ray meets the surface at u_z.
+    A cell is step_px x step_px pixels; its ray meets the surface at u_z.
     """
-    camera, step = board.camera, board.depth.step_px
+    camera = board.camera
     rows, columns = np.indices(depth_m.shape)
-    pixel = np.stack([columns, rows], axis=-1) * step + (step - 1) / 2
+    pixel = np.stack([columns, rows], axis=-1) * step_px + (step_px - 1) / 2
     away = (pixel - np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3) / (camera.focal_mpx * 1e-3)
     return np.asarray(away * (camera.standoff_um * 1e-6 + depth_m)[..., None])

@@ -1,4 +1,4 @@
-"""Messages that came while nobody took them: bounded by number and by bytes, the oldest go."""
+"""A queue of unread messages, bounded by number and bytes; the oldest are dropped."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Any
 from ruffini.wire import Frame
 
 MAX_MESSAGES = 4096
-MAX_BYTES = 64 << 20  # of payloads as they came: 16 s of a line that brings 4 MB/s
+MAX_BYTES = 64 << 20  # of encoded payloads: 16 s of a line at 4 MB/s
 
 
 class Backlog:
-    """A queue that keeps the newest.
+    """A bounded queue that keeps the newest messages.
 
     Attributes
     ----------
-    n_added, n_dropped : messages that were put in, and that went because of a bound.
+    n_added, n_dropped : number of messages added, and dropped because of a bound.
     """
 
     def __init__(self, max_messages: int = MAX_MESSAGES, max_bytes: int = MAX_BYTES) -> None:
@@ -32,7 +32,7 @@ class Backlog:
         return len(self._waiting)
 
     def append(self, frame: Frame, message: Any) -> None:
-        """Put in the newest; one alone stays, however large it is."""
+        """Add the newest message; a single message is kept whatever its size."""
         self._waiting.append((frame, message))
         self._n_bytes += len(frame.payload)
         self.n_added += 1
@@ -41,13 +41,13 @@ class Backlog:
             self.n_dropped += 1
 
     def popleft(self) -> tuple[Frame, Any]:
-        """Take out the oldest."""
+        """Remove and return the oldest message."""
         frame, message = self._waiting.popleft()
         self._n_bytes -= len(frame.payload)
         return frame, message
 
     def take(self, is_wanted: Callable[[Frame, Any], bool], seen: int = 0) -> Any | None:
-        """Take out the oldest message that is wanted, of those that were added after the first `seen`."""
+        """Remove and return the oldest wanted message, ignoring the first `seen` messages ever added; None if none."""
         first = max(len(self) - (self.n_added - seen), 0)
         for i, (frame, message) in enumerate(islice(self._waiting, first, None), first):
             if is_wanted(frame, message):

@@ -1,4 +1,4 @@
-"""The one sensor that is meant, among all that answer."""
+"""Selects the sensor to open among all that answer."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ruffini.errors import NoDeviceError, RuffiniError, SeveralDevicesError
 
 
 def connect(port: str | None = None, serial: str | None = None) -> Connection:
-    """Open the sensor on `port`, the one with `serial`, or the only one there is.
+    """Open the sensor on `port`, the one with `serial`, or the only one that is connected.
 
-    RUFFINI_PORT and RUFFINI_SERIAL stand in for arguments that are not given.
+    The arguments default to the environment variables RUFFINI_PORT and RUFFINI_SERIAL.
 
     Raises
     ------
     NoDeviceError
-        None, or none with this serial number; the text says what each port answered.
+        No sensor, or none with this serial number; the message lists the answer of each port.
     SeveralDevicesError
-        Several and no choice, or several with this serial number; the text lists them and names the option.
+        Several sensors and no argument, or several with this serial number; the message lists them and the options.
     """
     port = port or os.environ.get("RUFFINI_PORT")
     serial = serial or os.environ.get("RUFFINI_SERIAL")

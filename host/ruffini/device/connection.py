@@ -1,4 +1,4 @@
-"""One device on one port: who it is, what it streams, commands and flashing."""
+"""A connection to one device on one port: identity, stream, commands and flashing."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ REPLY_TIMEOUT_S, TRIES = 0.5, 12
 RETRIES = 3
 REOPEN_PAUSE_S = 0.02
 REOPEN_HELLO_S = 0.6  # a sensor that was just plugged in answers, or the next try will
-SILENCE_S = 5.0  # without a frame: the camera stands still
-MAX_TURN_S = 0.5  # a turn of a stream waits 20 ms for bytes; a longer one was spent suspended or on other work
-MAX_ASKED = 4096  # time exchanges that wait for their answers
-YOUNG_TYPES = ("learned", "residual")  # that a device in use may not know yet
+SILENCE_S = 5.0  # without a frame: the camera has stalled
+MAX_TURN_S = 0.5  # an iteration of a stream waits 20 ms for bytes; a longer one was suspended or did other work
+MAX_ASKED = 4096  # pending time exchanges
+YOUNG_TYPES = ("learned", "residual")  # message types that older firmware lacks
 DAMAGED = (
-    "two frames came damaged within six minutes: do not steer by these forces until the cable is seen to "
-    "(one damaged frame in 4 billion is taken for a good one)"
+    "two frames arrived damaged within six minutes: do not use these forces for control until the cable is fixed "
+    "(one damaged frame in 4 billion passes as good)"
 )
-FIRST_TIMES, FIRST_TIME_S, TIME_S = 8, 0.02, 1.0  # time exchanges: so many at once, then so often
-ASK_AGAIN = 0  # the request id of a reply to what came damaged
+FIRST_TIMES, FIRST_TIME_S, TIME_S = 8, 0.02, 1.0  # time exchanges: number and period at first, then the period
+ASK_AGAIN = 0  # request id of the reply to a damaged command
 
 
 class Connection:
@@ -50,7 +50,7 @@ class Connection:
     Raises
     ------
     NoDeviceError
-        The port is missing or busy, or nothing answers HELLO on it.
+        The port is missing or busy, or no device answers HELLO on it.
     """
 
     def __init__(self, port: str, *, hello_timeout_s: float = HELLO_TIMEOUT_S) -> None:
@@ -61,16 +61,16 @@ class Connection:
         self._subscribed: dict[str, int] = {}
         self.schema = Schema.own()
         self.decoder = Decoder()
-        self.messages = Backlog()  # what comes while a command waits for its reply
+        self.messages = Backlog()  # messages that arrive while a command waits for its reply
         self.raw_sink: Callable[[bytes], None] | None = None
         self.n_retries = 0  # commands that were sent again
         self.damage = DamageWatch()
-        self.on_damage: Callable[[str], None] = lambda _: None  # told when the line becomes too bad to steer by
-        # Called while a stream waits, every 20 ms, with whether the line is open; may raise to end it.
+        self.on_damage: Callable[[str], None] = lambda _: None  # called when the line becomes too bad for control
+        # Called every 20 ms while a stream waits, with True if the line is open; may raise to end the stream.
         self.on_turn: Callable[[bool], None] = lambda _: None
-        self.resumed_s = 0.0  # when the line was last opened again, on the monotonic clock
+        self.resumed_s = 0.0  # monotonic time at which the line was last reopened
         self.clock = DeviceClock()
-        self._asked: dict[int, int] = {}  # when each time exchange was begun, ns
+        self._asked: dict[int, int] = {}  # start of each pending time exchange by its token, ns
         self._time_token, self._asked_s = 0, 0.0
         self._writer = Writer()
         self._sequence = 0
@@ -90,7 +90,7 @@ class Connection:
         self.close()
 
     def close(self) -> None:
-        """Give the port back, and the lease with it."""
+        """Release the lease and close the port."""
         if self._writer.has_lease:
             self._writer.has_lease = False
             with contextlib.suppress(OSError, RuffiniError):
@@ -100,12 +100,12 @@ class Connection:
             self._serial.close()
 
     def resume(self, timeout_s: float) -> None:
-        """Open the same sensor again after its line was lost, on whatever port it comes back, and subscribe again.
+        """Reopen the same sensor after its line was lost, on any port, and restore the subscriptions.
 
         Raises
         ------
         NoDeviceError
-            It does not come back in time, or nobody can tell it from another one with its serial number.
+            It does not come back in time, or it cannot be distinguished from another one with its serial number.
         """
         deadline, doubt = time.monotonic() + timeout_s, ""
         self._writer.forget()
@@ -125,9 +125,10 @@ class Connection:
         raise NoDeviceError(f"{self.port}: {away}{doubt}")
 
     def _resume_on(self, port: str) -> str:
-        """Go on with what answers on `port` if it is the same sensor; else why it may be another with its number.
+        """Continue on `port` if the same sensor answers there, and return "".
 
-        What another one says goes nowhere. Raises NoDeviceError where this sensor's number is not on that port.
+        Otherwise return the reason why it may be another sensor with the same serial number; its messages are
+        discarded. Raises NoDeviceError if this serial number does not answer on that port.
         """
         waiting, sink, heard = self.messages, self.raw_sink, list[bytes]()
         self.port, self.decoder, self.messages, self.raw_sink = port, Decoder(), Backlog(), heard.append
@@ -140,11 +141,11 @@ class Connection:
             if why := self._whereabouts.doubt(port, self.hello, hello):
                 return f": the one on {port} {why}: connect again by --port, and {REMEDY}"
         finally:
-            said, self.messages, self.raw_sink = self.messages, waiting, sink
+            arrived, self.messages, self.raw_sink = self.messages, waiting, sink
         if sink is not None:
             sink(b"".join(heard))
-        while said:
-            self.messages.append(*said.popleft())
+        while arrived:
+            self.messages.append(*arrived.popleft())
         if hello.session_id != self.hello.session_id:
             self.clock = DeviceClock()
         self.hello, self._whereabouts, self._known = hello, Whereabouts(port), known
@@ -160,7 +161,7 @@ class Connection:
     # ---- receiving ----------------------------------------------------------------------------
 
     def _read(self) -> None:
-        """Decode what has arrived (waits at most 20 ms) into `messages`."""
+        """Decode the bytes that have arrived into `messages`; waits at most 20 ms."""
         import serial
 
         try:
@@ -186,19 +187,19 @@ class Connection:
             self.on_damage(f"{self.port}: {DAMAGED}")
 
     def _ask_time(self) -> None:
-        """Begin a time exchange where one is due."""
+        """Start a time exchange if one is due."""
         due_s = FIRST_TIME_S if self.clock.n_exchanges < FIRST_TIMES else TIME_S
         if "TIME" not in self.schema.type_numbers or time.monotonic() - self._asked_s < due_s:
             return
         self._asked_s = time.monotonic()
         self._time_token += 1
         if len(self._asked) > MAX_ASKED:
-            self._asked.clear()  # answers that never came
+            self._asked.clear()  # their answers were lost
         self._asked[self._time_token] = time.monotonic_ns()
         self._send("TIME", self.schema.new("Time", token=self._time_token).SerializeToString())
 
     def read_clock(self, timeout_s: float = REPLY_TIMEOUT_S) -> DeviceClock:
-        """The sensor's clock after a few exchanges; without any where the sensor is older than they are."""
+        """The sensor's clock after a few time exchanges; after none if the firmware does not support them."""
         deadline = time.monotonic() + timeout_s
         while self.clock.n_exchanges < FIRST_TIMES and time.monotonic() < deadline:
             self._ask_time()
@@ -212,14 +213,14 @@ class Connection:
         resume_s: float = 0.0,
         on_gap: Callable[[LineGap], None] = lambda _: None,
     ) -> Iterator[tuple[Frame, Any]]:
-        """Messages as they come; ends after `timeout_s` without one (never when None).
+        """Messages as they arrive; ends after `timeout_s` without one, never if None.
 
-        A line that was lost is waited for, `resume_s` long; `on_gap` is told before the next message with a stamp.
+        A lost line is reopened for up to `resume_s`; `on_gap` is called before the next message with a stamp.
 
         Raises
         ------
         NoDeviceError
-            The line was lost and did not come back.
+            The line was lost and did not come back within `resume_s`.
         """
         turn_s, silent_s = time.monotonic(), 0.0
         frame_before, lost = 0, None
@@ -244,7 +245,7 @@ class Connection:
                 lost = lost or (time.monotonic(), self.hello.session_id)
                 self.resume(resume_s)
                 silent_s = 0.0
-            # A longer turn is time in which this process was suspended: what came meanwhile is not read yet.
+            # A longer iteration means that this process was suspended: bytes that arrived meanwhile are still unread.
             now_s = time.monotonic()
             silent_s = 0.0 if self.messages else silent_s + min(now_s - turn_s, MAX_TURN_S)
             turn_s = now_s
@@ -260,11 +261,11 @@ class Connection:
             if found is not None or is_late:
                 return found
             seen, is_late = self.messages.n_added, time.monotonic() >= deadline
-            if not is_late or self._has_more():  # it may have come while this process was not run
+            if not is_late or self._has_more():  # the reply may have arrived while this process was suspended
                 self._read()
 
     def _has_more(self) -> bool:
-        """Something has arrived that is not read yet."""
+        """True if unread bytes have arrived."""
         with contextlib.suppress(OSError):
             return bool(self._serial.in_waiting)
         return False
@@ -277,7 +278,7 @@ class Connection:
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException as error:
-            raise NoDeviceError(f"{self.port}: nobody takes what is sent: is ruffinid running?") from error
+            raise NoDeviceError(f"{self.port}: the device does not read what is sent: is ruffinid running?") from error
         except (serial.SerialException, OSError) as error:
             raise LineLostError(f"{self.port}: the line was lost: {error}") from error
 
@@ -287,8 +288,8 @@ class Connection:
         self._sequence += 1
 
     def _say_hello(self, timeout_s: float, tries: int = RETRIES) -> Any:
-        self._write(b"\0")  # end whatever half frame is in the device's buffer
-        # Where a slow device was asked more than once it answered more than once: those answers are of before.
+        self._write(b"\0")  # terminates a partial frame in the device's buffer
+        # A slow device may still answer an earlier HELLO: discard those answers.
         number = self.schema.type_numbers["HELLO"]
         while self.messages.take(lambda frame, _: frame.type == number) is not None:
             pass
@@ -310,14 +311,18 @@ class Connection:
         raise NoDeviceError(f"{self.port}: the device does not serve its schema")
 
     def command(self, *, waits_s: Sequence[float] = (REPLY_TIMEOUT_S,) * TRIES, **action: Any) -> Any:
-        """Send one command, e.g. command(zero={"n_frames": 0}); retried under the same request id.
+        """Send one command, e.g. command(zero={"n_frames": 0}), and return its reply; retries reuse the request id.
 
-        `waits_s` has how long each try waits for its reply.
+        Parameters
+        ----------
+        waits_s : how long each try waits for the reply, seconds.
 
         Raises
         ------
-        RefusedError, VerifyError, RuffiniError
-            What the device says against it.
+        RefusedError
+            The firmware does not know the command, or is busy with another one.
+        NoDeviceError
+            No reply came.
         """
         name = next(iter(action))
         self._writer.prepare(self, name)
@@ -326,13 +331,13 @@ class Connection:
         holder = {"holder": self._writer.holder} if self.schema.has_field("Command", "holder") else {}
         try:
             command = self.schema.new("Command", request_id=request, **holder, **action).SerializeToString()
-        except ValueError as error:  # a device that is older than this host brought its own schema
+        except ValueError as error:  # older firmware serves its own, smaller schema
             raise RefusedError(f"{self.port}: this firmware knows no {name}: update it") from error
         kind, payload = self._writer.wrap(self, name, command)
         for i, wait_s in enumerate(waits_s):
             if i > 0:
                 self.n_retries += 1
-                self._write(b"\0")  # what was lost may have been the end of a frame: this one must not be taken for it
+                self._write(b"\0")  # terminates a frame whose end was lost, so that this one is not appended to it
             self._send(kind, payload)
             reply = self._wait_for("REPLY", wait_s, lambda m: m.request_id in (request, ASK_AGAIN))
             if reply is not None and reply.request_id == request:
@@ -342,14 +347,14 @@ class Connection:
         raise NoDeviceError(f"{self.port}: no reply to {name} after {len(waits_s)} tries")
 
     def checked(self, **action: Any) -> Any:
-        """`command`, and an exception unless the device says OK."""
+        """As `command`; raises RefusedError unless the reply is OK."""
         reply = self.command(**action)
         if reply.code:
             raise RefusedError(f"{self.port}: {reply.text}")
         return reply
 
     def refresh_hello(self) -> None:
-        """Ask who the sensor is now; raises NoDeviceError where another one answers."""
+        """Read the sensor's identity again; raises NoDeviceError if another sensor answers."""
         hello = self._say_hello(REPLY_TIMEOUT_S * TRIES, TRIES)
         if self.serial_number != hello.device_serial:
             raise NoDeviceError(
@@ -358,17 +363,17 @@ class Connection:
         self.hello = hello
 
     def status(self) -> Any:
-        """How it fares now; raises NoDeviceError where it does not say."""
+        """The current STATUS message; raises NoDeviceError if none comes."""
         for _ in range(TRIES):
             self._send("STATUS")
-            if (said := self._wait_for("STATUS", REPLY_TIMEOUT_S, lambda _: True)) is not None:
-                return said
-        raise NoDeviceError(f"{self.port}: no word of how the sensor fares: is it busy with something else?")
+            if (status := self._wait_for("STATUS", REPLY_TIMEOUT_S, lambda _: True)) is not None:
+                return status
+        raise NoDeviceError(f"{self.port}: the sensor does not report its status: is it busy?")
 
     def subscribe(self, **every: int) -> None:
-        """Ask for each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces what was asked before.
+        """Subscribe to each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces earlier subscriptions.
 
-        `learned` and `residual` are passed over where the device is older than these messages.
+        `learned` and `residual` are ignored if the firmware predates these messages.
         """
         numbers = self.schema.type_numbers
         every = {name: n for name, n in every.items() if name.upper() in numbers or name not in YOUNG_TYPES}
@@ -383,43 +388,43 @@ class Connection:
         progress: Callable[[float], None] = lambda _: None,
         say: Callable[[str], None] = lambda _: None,
     ) -> Any:
-        """Upload a calibration file; returns when the device says that it is in force for good.
+        """Upload a calibration file; returns once the device has confirmed it.
 
-        An interrupted upload goes on where it was. A new calibration is on trial until it has shown good frames;
-        `say` is told how far that is.
+        An interrupted upload is continued. A new calibration is on trial until it has produced good frames; `say` is
+        called with its progress.
 
         Raises
         ------
         RefusedError
-            Wrong board, wrong key, a table that the device cannot prove, or a trial without good frames: it goes
-            on with what it had before.
+            Wrong board, wrong key, a table that fails the device's checks, or a trial without good frames: the
+            calibration before stays in force.
         NoDeviceError
-            The line was lost and did not come back, or the camera gives no frames for the trial.
+            The line was lost and did not come back, or the camera delivers no frames for the trial.
         VerifyError
-            What arrived or was stored is not what was sent.
+            The bytes received or stored differ from those sent.
         """
         return flashing.flash(self, data, progress, say)
 
     def read_calibration(self, progress: Callable[[float], None] = lambda _: None) -> bytes:
-        """The file of the calibration in force, read back from the sensor, its hash checked; empty: there is none.
+        """The calibration file in force, read back from the sensor and checked against its hash; empty if none.
 
         Raises
         ------
         RefusedError
             The firmware is too old for that.
         VerifyError
-            What came is not what the sensor says is in force.
+            The bytes received do not have the hash of the calibration in force.
         """
         return flashing.read_back(self, progress)
 
     def undo_flash(self) -> Any:
-        """Put the calibration in force that was so before the last flash; the device has kept it. Undoes itself.
+        """Restore the calibration that the last flash replaced; a second call restores the newer one.
 
         Raises
         ------
         RefusedError
-            There was none before, or it no longer fits.
+            There was none before, or it no longer fits the board.
         VerifyError
-            The medium failed, or the device goes on with what it had.
+            The storage failed, or the device did not change its calibration.
         """
         return flashing.undo(self)

@@ -1,9 +1,9 @@
-"""The sensor's clock on the host's, with a bound on how far off that is.
+"""Maps the sensor's clock to the host's, with an error bound.
 
-Two-way exchanges: the host notes when it asked (t1) and when the answer came (t4), the sensor when the question came
-(t2) and when it answered (t3). Whatever the way there and the way back took, host minus sensor is
-(t1 + t4 - t2 - t3) / 2 to within half of (t4 - t1) - (t3 - t2): the short exchanges say most. Between exchanges both
-clocks drift apart.
+Two-way time exchange: the host records when it sends the request (t1) and receives the answer (t4), the sensor when it
+receives the request (t2) and sends the answer (t3). For any split of the transmission times, host minus sensor is
+(t1 + t4 - t2 - t3) / 2 to within ((t4 - t1) - (t3 - t2)) / 2, so short exchanges are the most accurate. Between
+exchanges the two clocks drift apart.
 """
 
 from __future__ import annotations
@@ -11,23 +11,23 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-WINDOW_S = 120.0  # older exchanges go
+WINDOW_S = 120.0  # older exchanges are dropped
 MAX_EXCHANGES = 256
-MAX_DRIFT = 300e-6  # of two crystals, seconds a second; assumed until more is known
-WANDER = 2e-6  # by how much the drift may change within the window, with temperature
-STEP_NS = 1_000  # the sensor counts microseconds: each of its two times may be as much off
-MIN_SPAN_S = 1.0  # between two exchanges that say what the drift is
+MAX_DRIFT = 300e-6  # between two crystals, s/s; assumed until the drift is measured
+WANDER = 2e-6  # largest change of the drift within the window, with temperature, s/s
+STEP_NS = 1_000  # resolution of the sensor's clock, the error of each of its two times
+MIN_SPAN_S = 1.0  # shortest time between two exchanges from which the drift is measured
 
 
 class HostTime(NamedTuple):
-    """A time on the host's monotonic clock (`time.monotonic_ns`), right to within the error."""
+    """A time on the host's monotonic clock (`time.monotonic_ns`) and its error bound."""
 
     ns: int
     error_ns: int
 
 
 class Exchange(NamedTuple):
-    """One question and its answer: at this time of the sensor, host minus sensor was `offset_ns` +- `half_ns`."""
+    """One time exchange: at `device_ns` of the sensor, host minus sensor was `offset_ns` +- `half_ns`."""
 
     device_ns: int
     offset_ns: float
@@ -35,15 +35,15 @@ class Exchange(NamedTuple):
 
 
 class DeviceClock:
-    """Offset and drift of one sensor's clock, from as many exchanges as there were.
+    """Offset and drift of one sensor's clock, from the exchanges so far.
 
-    The bound holds while the drift stays within MAX_DRIFT and changes by no more than WANDER in WINDOW_S.
+    The error bound holds while the drift stays within MAX_DRIFT and changes by at most WANDER in WINDOW_S.
     """
 
     def __init__(self) -> None:
         self._exchanges: deque[Exchange] = deque(maxlen=MAX_EXCHANGES)
         self._anchor: Exchange | None = None
-        self.drift, self.drift_error = 0.0, MAX_DRIFT  # host seconds more a second of the sensor
+        self.drift, self.drift_error = 0.0, MAX_DRIFT  # host seconds gained per second of the sensor
         self._last: tuple[int, HostTime] | None = None
 
     @property
@@ -52,11 +52,11 @@ class DeviceClock:
 
     @property
     def latest_us(self) -> int:
-        """The sensor's time of the last exchange."""
+        """Sensor time of the last exchange, microseconds."""
         return self._exchanges[-1].device_ns // 1_000
 
     def add(self, asked_ns: int, received_us: int, sent_us: int, answered_ns: int) -> None:
-        """Take in an exchange; one that cannot be (answered before it was asked) is passed over."""
+        """Add an exchange; impossible ones (answered before the request) are ignored."""
         device_ns = (received_us + sent_us) * 500
         half_ns = ((answered_ns - asked_ns) - (sent_us - received_us) * 1_000) / 2 + STEP_NS
         if sent_us < received_us or half_ns < STEP_NS / 2:
@@ -72,7 +72,7 @@ class DeviceClock:
         return exchange.half_ns + self.drift_error * abs(device_ns - exchange.device_ns)
 
     def _fit_drift(self) -> None:
-        """From the shortest exchange of the window's first third to that of its last."""
+        """Drift between the shortest exchange in the first third of the window and that in the last."""
         first_ns, last_ns = self._exchanges[0].device_ns, self._exchanges[-1].device_ns
         third_ns = (last_ns - first_ns) / 3
         self.drift, self.drift_error = 0.0, MAX_DRIFT
@@ -86,7 +86,7 @@ class DeviceClock:
             self.drift, self.drift_error = (late.offset_ns - early.offset_ns) / span_ns, error
 
     def to_host(self, device_us: int) -> HostTime | None:
-        """When the host's clock showed what the sensor's showed as `device_us`; None before the first exchange."""
+        """The host time of the sensor time `device_us`; None before the first exchange."""
         if self._anchor is None:
             return None
         device_ns = device_us * 1_000
@@ -94,10 +94,10 @@ class DeviceClock:
         return HostTime(device_ns + round(offset_ns), round(self._bound_ns(self._anchor, device_ns) + STEP_NS))
 
     def stamp(self, device_us: int) -> HostTime | None:
-        """`to_host` of stamps as they come: later ones never get an earlier time, and the same one the same.
+        """As `to_host`, but monotonic: later stamps never get an earlier time, equal stamps get equal times.
 
-        What is better known since may set the clock back by part of the error: then time stands still for so long, and
-        the stamps' errors say so.
+        A better estimate may set the clock back by part of the error; host time then stands still, and the error
+        bounds of the stamps grow accordingly.
         """
         found = self.to_host(device_us)
         if found is None or self._last is None:

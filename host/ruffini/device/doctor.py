@@ -1,6 +1,6 @@
-"""What this computer needs for a sensor on USB, looked at one by one, each with its remedy.
+"""Checks of everything this computer needs for a sensor on USB, each with its remedy.
 
-The computer in the sensor has a doctor of its own: `ruffinid --doctor`.
+The computer inside the sensor has its own checks: `ruffinid --doctor`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ State = Literal["ok", "warning", "failed"]
 
 @dataclass(frozen=True)
 class Check:
-    """One thing looked at: what is so, and what to do where that is not right."""
+    """The result of one check, and the remedy if it failed."""
 
     name: str
     state: State
@@ -30,7 +30,7 @@ class Check:
 
 
 def greet(port: str) -> str:
-    """Who answers on a port. Raises RuffiniError where nobody does."""
+    """The serial number and boards of the device on a port. Raises RuffiniError if none answers."""
     with Connection(port) as sensor:
         boards = ", ".join(s.board for s in sensor.hello.sensors)
         return f"{port}: {sensor.serial_number}, {boards}"
@@ -42,16 +42,16 @@ def examine(
     root: Path = Path("/"),
     meet: Callable[[str], str] = greet,
 ) -> list[Check]:
-    """Look at library, udev rules, ModemManager, each port's permission, and whether a sensor answers on it.
+    """Check the library, the udev rules, ModemManager, and for each port its permission and the sensor on it.
 
     Parameters
     ----------
     ports : iterable of str, optional
-        Serial ports to look at; without it those whose USB texts say ruffini.
+        Serial ports to check; by default those whose USB description contains "ruffini".
     root : Path
-        Stands for / in tests.
+        Replaces / in tests.
     meet : callable
-        Says who answers on a port.
+        Returns the identity of the device on a port, or raises.
     """
     found = list(candidate_ports() if ports is None else ports)
     checks = [_library(), _rules(root), _modem_manager(root)]

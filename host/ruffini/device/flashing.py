@@ -1,4 +1,4 @@
-"""A calibration onto a sensor: upload, trial, undo. Rules: proto/README.md, FLASH."""
+"""Flashing a calibration: upload, trial, undo, read back. Protocol: proto/README.md, FLASH."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from ruffini.device.line import Line
 from ruffini.errors import LineLostError, NoDeviceError, RefusedError, VerifyError
 
 CHUNK_BYTES = 3072
-CHUNK_TRIES = 40  # of one chunk: a line that loses half of what is sent fails once in 1e12
+CHUNK_TRIES = 40  # per chunk: a line that loses half of all frames fails once in 1e12
 SHORTEST_WAIT_S, LONGEST_WAIT_S = 0.02, 2.0  # for the reply to a chunk
-FIRST_WAIT_S = 0.2  # before a round trip was measured
-QUICK_TRIES = 4  # what is lost is sent again soon; after so many nobody is at the other end for a while
-LATE_WAIT_S = 0.5  # to which the waits double then: a machine that carries nothing for seconds is not flooded
-COMMIT_WAITS_S = (1.0,) * 30  # proof, fsync and read-back of a large table on a slow medium
-RESUME_S = 10.0  # how long a line that was lost is waited for
+FIRST_WAIT_S = 0.2  # before the first round trip is measured
+QUICK_TRIES = 4  # retries at the measured round-trip time; after them the device is assumed to be busy
+LATE_WAIT_S = 0.5  # the waits then double up to this, so that a stalled machine is not flooded
+COMMIT_WAITS_S = (1.0,) * 30  # checks, fsync and read-back of a large table on slow storage
+RESUME_S = 10.0  # time to wait for a lost line
 RESUMES = 100
 TRIAL_POLL_S = 0.1
-TRIAL_STALL_S = 10.0  # on trial without a frame: the camera stands still
-TRIAL_FRAMES = 1024  # a trial has ended by then, well or not: four times what proto/README.md has
+TRIAL_STALL_S = 10.0  # without a frame during the trial: the camera has stalled
+TRIAL_FRAMES = 1024  # upper bound of a trial: four times the length in proto/README.md
 FLASH_DURABLE, FLASH_ACTIVE = 3, 4  # FlashState of the schema
-MAX_FILE_BYTES = 128 << 20  # what a device may say that its calibration has
+MAX_FILE_BYTES = 128 << 20  # largest size of a calibration that is accepted from a device
 
 
 def flash(sensor: Line, data: bytes, progress: Callable[[float], None], say: Callable[[str], None]) -> Any:
-    """Upload a file and see its trial through; Connection.flash says what comes of it.
+    """Upload a file and wait for the end of its trial; errors as in Connection.flash.
 
-    The device names the next byte that it wants: a lost chunk is sent again, and where the line was lost the upload
-    goes on when the sensor is back, on whatever port.
+    The device requests the next byte offset, so a lost chunk is sent again, and an upload whose line was lost
+    continues once the sensor is back, on any port.
     """
     sha256 = hashlib.sha256(data).digest()
 
@@ -38,19 +38,19 @@ def flash(sensor: Line, data: bytes, progress: Callable[[float], None], say: Cal
         if sensor.hello.sensors[0].calibration.sha256 == sha256:  # a commit whose reply was lost
             return sensor.command(flash_query={"sha256": sha256})
         _upload(sensor, data, sha256, progress)
-        sensor.refresh_hello()  # who is about to put it in force is who it was sent to
+        sensor.refresh_hello()  # the device that commits must be the one that received the file
         return _in_force(sensor, flash_commit={})
 
     reply = _across_unplugs(sensor, say, install)
     if reply.flash_state == FLASH_DURABLE:
         reply = _across_unplugs(sensor, say, lambda: _end_of_trial(sensor, sha256, say))
     if sensor.hello.sensors[0].calibration.sha256 != sha256:
-        raise VerifyError(f"{sensor.port}: the calibration in force is not the one that was sent")
+        raise VerifyError(f"{sensor.port}: the calibration in force is not the one sent")
     return reply
 
 
 def undo(sensor: Line) -> Any:
-    """Put in force what was so before the last flash."""
+    """Restore the calibration that the last flash replaced; errors as in Connection.undo_flash."""
     before = sensor.hello.sensors[0].calibration.sha256
     reply = _in_force(sensor, flash_undo={})
     if sensor.hello.sensors[0].calibration.sha256 == before:
@@ -59,9 +59,9 @@ def undo(sensor: Line) -> Any:
 
 
 def read_back(sensor: Line, progress: Callable[[float], None]) -> bytes:
-    """The calibration in force; Connection.read_calibration says what comes of it.
+    """The calibration in force; errors as in Connection.read_calibration.
 
-    Each command asks for one piece, and nothing comes that was not asked for: a device cannot run ahead of the host.
+    Each command requests one piece, so the device cannot run ahead of the host.
     """
     in_force = sensor.hello.sensors[0].calibration
     data, pace = bytearray(), Pace()
@@ -87,22 +87,22 @@ def read_back(sensor: Line, progress: Callable[[float], None]) -> bytes:
 
 
 class Pace:
-    """How long the reply to a piece is waited for: mean round trip and four mean deviations (RFC 6298)."""
+    """Reply timeout per piece: mean round trip plus four mean deviations (RFC 6298)."""
 
     def __init__(self) -> None:
         self._mean_s: float | None = None
         self._deviation_s = 0.0
 
     def command(self, sensor: Line, **action: Any) -> Any:
-        """The reply to a command that brings or takes a piece."""
+        """Send a command that transfers one piece and return its reply."""
         sent, n_before = time.monotonic(), sensor.n_retries
         reply = sensor.command(waits_s=self.waits_s(), **action)
-        if sensor.n_retries == n_before:  # else nobody knows which of them was answered
+        if sensor.n_retries == n_before:  # otherwise the reply may belong to any of the tries
             self._add(time.monotonic() - sent)
         return reply
 
     def waits_s(self) -> list[float]:
-        """For each try of a piece."""
+        """Timeouts of the tries of one piece, seconds."""
         wait_s = FIRST_WAIT_S if self._mean_s is None else self._mean_s + 4 * self._deviation_s
         wait_s = min(max(wait_s, SHORTEST_WAIT_S), LONGEST_WAIT_S)
         late_s = max(wait_s, LATE_WAIT_S)
@@ -117,14 +117,14 @@ class Pace:
 
 
 def _across_unplugs(sensor: Line, say: Callable[[str], None], work: Callable[[], Any]) -> Any:
-    """What `work` returns, which is begun again when the line was lost and is back."""
+    """Run `work`, again after each lost line that comes back, and return its result."""
     for _ in range(RESUMES):
         try:
             return work()
         except LineLostError as error:
-            say(f"{error}; waiting for it")
+            say(f"{error}; waiting for it to come back")
             sensor.resume(RESUME_S)
-    raise NoDeviceError(f"{sensor.port}: the line was lost {RESUMES} times: see to the cable, and flash again")
+    raise NoDeviceError(f"{sensor.port}: the line was lost {RESUMES} times: check the cable and flash again")
 
 
 def _upload(sensor: Line, data: bytes, sha256: bytes, progress: Callable[[float], None]) -> None:
@@ -137,13 +137,13 @@ def _upload(sensor: Line, data: bytes, sha256: bytes, progress: Callable[[float]
             raise RefusedError(f"{sensor.port}: {reply.text}")
         stuck = stuck + 1 if reply.next_offset <= offset else 0
         if stuck > CHUNK_TRIES:
-            raise RefusedError(f"{sensor.port}: the upload does not go on: {reply.text}")
+            raise RefusedError(f"{sensor.port}: the upload makes no progress: {reply.text}")
         offset = reply.next_offset
         progress(offset / len(data))
 
 
 def _in_force(sensor: Line, **action: Any) -> Any:
-    """A command that ends with a calibration in force, on trial or for good, and HELLO as it is then."""
+    """Send a command that puts a calibration in force, on trial or for good, and refresh HELLO."""
     reply = sensor.command(**action, waits_s=COMMIT_WAITS_S)
     if reply.code == sensor.schema.enum_number("ReplyCode", "REPLY_STORAGE"):
         raise VerifyError(f"{sensor.port}: {reply.text}")
@@ -154,7 +154,7 @@ def _in_force(sensor: Line, **action: Any) -> Any:
 
 
 def _end_of_trial(sensor: Line, sha256: bytes, say: Callable[[str], None]) -> Any:
-    """The reply that ends the trial of a calibration, and HELLO as it is then."""
+    """Wait for the reply that ends a calibration's trial, and refresh HELLO."""
     n_frames, since, said = 0, time.monotonic(), ""
     while (reply := sensor.command(flash_query={"sha256": sha256})).flash_state == FLASH_DURABLE:
         if reply.value > TRIAL_FRAMES:

@@ -1,4 +1,4 @@
-"""How old a frame's results are when their last byte has come: percentiles, jitter, misses."""
+"""Latency from the end of a frame's exposure to the last byte of its results: percentiles, jitter, missing frames."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from ruffini.errors import NoDeviceError
 if TYPE_CHECKING:
     from ruffini.device.connection import Connection
 
-N_WARM_UP = 30  # frames: the exchange of clocks has settled
+N_WARM_UP = 30  # frames until the clock exchange has settled
 TIMEOUT_S = 5.0  # without a message
-MIN_FOR_P999 = 1000  # frames, below which the 99.9th percentile is but the largest
+MIN_FOR_P999 = 1000  # with fewer frames the 99.9th percentile is just the maximum
 
 
 @dataclass(frozen=True)
 class FrameAge:
-    """One frame on the host's clock, ns."""
+    """Times of one frame on the host's clock, ns."""
 
     frame: int
-    exposed_ns: int  # the end of its exposure
-    error_ns: int  # how far off that may be
-    last_byte_ns: int  # of all its messages
+    exposed_ns: int  # end of the exposure
+    error_ns: int  # error bound of `exposed_ns`
+    last_byte_ns: int  # arrival of the last of its messages
 
 
 class Watched(NamedTuple):
-    """What came."""
+    """The frames received during a run."""
 
     ages: list[FrameAge]
     is_simulated: bool
@@ -38,7 +38,7 @@ class Watched(NamedTuple):
 
 @dataclass(frozen=True)
 class Latency:
-    """Of a run; milliseconds from the end of the exposure to the last byte."""
+    """Latency statistics of a run; milliseconds from the end of the exposure to the last byte."""
 
     n_frames: int
     p50_ms: float
@@ -46,24 +46,24 @@ class Latency:
     p999_ms: float | None  # None: fewer than 1000 frames
     largest_ms: float
     jitter_ms: float  # standard deviation
-    n_missing: int  # frames between the first and the last that never came whole
-    n_late: int  # frames that took longer than a frame's interval
+    n_missing: int  # frames between the first and the last that never arrived complete
+    n_late: int  # frames that took longer than one frame interval
     interval_ms: float
-    clock_error_ms: float  # all of these may be off by this much, alike
+    clock_error_ms: float  # common error bound of all latencies
 
 
 def watch(sensor: Connection, n_frames: int, types: Sequence[str], after_ns: int) -> Watched:
-    """Subscribe to `types`, each frame, and note when the last of a frame's messages was read.
+    """Subscribe to `types` with every frame and record when the last message of each frame was read.
 
     Parameters
     ----------
     after_ns : int
-        From the middle of the exposure, which the sensor stamps, to its end.
+        Time from the middle of the exposure, which the sensor stamps, to its end.
 
     Raises
     ------
     NoDeviceError
-        No frame comes, or the sensor is too old to say what its clock is.
+        No frame comes, or the firmware does not support time exchanges.
     """
     numbers = {sensor.schema.type_numbers[name.upper()] for name in types}
     stale = sensor.schema.enum_number("FlagBit", "FLAG_STALE")
@@ -88,16 +88,16 @@ def watch(sensor: Connection, n_frames: int, types: Sequence[str], after_ns: int
 
 
 def summarize(ages: Iterable[FrameAge], interval_ms: float) -> Latency:
-    """Percentiles and misses.
+    """Statistics of a run.
 
     Raises
     ------
     NoDeviceError
-        No frame came whole.
+        No frame arrived complete.
     """
     ages = list(ages)
     if not ages:
-        raise NoDeviceError("no frame came whole: subscribe to less, or look at the line with `ruffini doctor`")
+        raise NoDeviceError("no frame arrived complete: subscribe to less, or check the line with `ruffini doctor`")
     took_ms = np.array([(age.last_byte_ns - age.exposed_ns) / 1e6 for age in ages])
     p50, p99, p999 = np.percentile(took_ms, [50, 99, 99.9])
     span = ages[-1].frame - ages[0].frame + 1

@@ -1,6 +1,6 @@
-"""Two sensors with one serial number: told, and never taken for each other.
+"""Detects two sensors with the same serial number, so that one is never taken for the other.
 
-A serial number is one sensor's alone, until the card of one board is copied for another.
+Serial numbers are unique until the SD card of one board is copied for another.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ REMEDY = "give one of them a serial number of its own: SERIAL in /etc/ruffini/ru
 
 
 def namesakes(found: Sequence[tuple[str, str]]) -> list[str]:
-    """A sentence for each serial number that several have; `found`: port and serial number of each sensor."""
+    """A message for each serial number shared by several sensors; `found` has port and serial number of each sensor."""
     ports: dict[str, list[str]] = {}
     for port, serial in found:
         ports.setdefault(serial, []).append(port)
@@ -22,40 +22,40 @@ def namesakes(found: Sequence[tuple[str, str]]) -> list[str]:
 
 
 def same_serial(serial: str, ports: Sequence[str]) -> str:
-    """What to say of sensors with one serial number."""
+    """The message about sensors that share a serial number."""
     return f"{' and '.join(ports)} have the same serial number {serial}: choose by --port, and {REMEDY}"
 
 
 def usb_namesakes(port: str, serial: str) -> list[str]:
-    """Ports of other USB devices with the serial number of the sensor on `port`; they need not be free to be seen."""
+    """Ports of other USB devices with the serial number of the sensor on `port`, including busy ones."""
     own = _device(place_of(port))
     others = {_device(i.location): i.device for i in reversed(usb_ports()) if i.serial_number == serial and i.location}
     return sorted(port for device, port in others.items() if device != own)
 
 
 def _device(place: str) -> str:
-    """Of a place on USB without the interface: a device with two pads has two."""
+    """A USB location without its interface, since a device with two pads has two interfaces."""
     return place.partition(":")[0]
 
 
 class Whereabouts:
-    """Where a sensor is, and where others are beside it."""
+    """The USB location of a sensor and those of the sensors beside it."""
 
     def __init__(self, port: str) -> None:
         self._own, self._others = place_of(port), set[str]()
         self.look_around()
 
     def look_around(self) -> None:
-        """Remember who else is there."""
+        """Add the sensors that are connected now."""
         self._others |= {place_of(port) for port in candidate_ports()} - {self._own}
 
     def doubt(self, port: str, before: Any, now: Any) -> str:
-        """Why the sensor with the right serial number on `port` may be another one; empty: it is the same.
+        """Why the sensor on `port` may be another one with the same serial number; empty if it is the same.
 
         Parameters
         ----------
-        before, now : what HELLO said before the line was lost, and says on `port`. A session is one start of one
-            sensor. Whoever was started again is known by its place, or because nobody else was ever there.
+        before, now : HELLO before the line was lost, and on `port` now. A session is one start of one sensor; a
+            restarted sensor is recognised by its location, or because no other sensor was ever seen.
         """
         if now.session_id == before.session_id:
             return ""

@@ -1,4 +1,4 @@
-"""Serial ports: which may be sensors, and one of them for us alone."""
+"""Serial ports: finding those that may be sensors, and opening one exclusively."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from ruffini.device import port_holder
 from ruffini.device.pty_name import KnownPort
 from ruffini.errors import NoDeviceError
 
-WRITE_TIMEOUT_S = 5.0  # a kernel with too much to do carried nothing through a pty for two seconds and more
+WRITE_TIMEOUT_S = 5.0  # an overloaded kernel can block a pty for more than two seconds
 
 
 def open_port(port: str, known: KnownPort | None = None) -> Any:
-    """The serial port, ours alone; reads wait 20 ms at most.
+    """Open a serial port exclusively; reads wait at most 20 ms.
 
     Parameters
     ----------
-    known : what the port was when it was open before, None for the first time.
+    known : the port's identity when it was open before, None for the first time.
 
     Raises
     ------
     NoDeviceError
-        It is missing or busy, or its name leads to another program's pseudo-terminal by now.
+        The port is missing or busy, or its name now belongs to another program's pseudo-terminal.
     """
     import serial
 
@@ -45,21 +45,21 @@ def _is_busy(text: str) -> bool:
 
 
 def usb_ports() -> list[Any]:
-    """Serial ports whose USB product or maker says ruffini, as pyserial describes them."""
+    """Serial ports whose USB product or manufacturer contains "ruffini", as pyserial describes them."""
     from serial.tools import list_ports
 
     return [p for p in list_ports.comports() if "ruffini" in f"{p.product or ''} {p.manufacturer or ''}".lower()]
 
 
 def candidate_ports() -> list[str]:
-    """Serial ports that may be sensors: USB devices whose product or maker says ruffini."""
+    """Serial ports that may be sensors: USB devices whose product or manufacturer contains "ruffini"."""
     return sorted(p.device for p in usb_ports())
 
 
 def place_of(port: str) -> str:
-    """What stays when a sensor is unplugged and plugged in again: its USB socket; of other lines the port's name.
+    """The location of a sensor that survives replugging: its USB socket, or the port's name for other lines.
 
-    A link such as /dev/ruffini/SERIAL may lead elsewhere then.
+    A link such as /dev/ruffini/SERIAL may point elsewhere after replugging.
     """
     real = os.path.realpath(port)
     return next((str(p.location) for p in usb_ports() if p.location and p.device == real), port)

@@ -1,10 +1,10 @@
 """Results of the stream in SI units.
 
 `force`, `torque` and `depth` are NaN wherever they must not be used: not measured, not calibrated, known to be wrong,
-or marked with something that this host does not know. What was sent all the same is in `values`, `raw_force` and
-`raw_depth`, with its validity.
+or marked with a flag that this host does not know. The numbers as sent are in `values`, `raw_force` and `raw_depth`,
+with their validity.
 
-Every `from_message` raises InputError where the parts of a message do not fit each other: no device of ours sends that.
+Every `from_message` raises InputError if the parts of a message contradict each other, which no ruffini device sends.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ruffini.wire.dense import decode_dense
 Array = npt.NDArray[np.float64]
 NETWORK_STATES = {0: "loading", 1: "runs", 2: "failed"}
 NOT_MEASURED, VALID, UNCALIBRATED, INVALID = range(4)
-KNOWN_FLAGS = (1 << 19) - 1  # of FlagBit: a number with another one is not believed
+KNOWN_FLAGS = (1 << 19) - 1  # of FlagBit: a number that carries an unknown flag is treated as invalid
 SLIP_STATES = {1: "sticks", 2: "incipient", 3: "slides"}
 AREA_STEPS = 256  # of a target's area in a square pixel
 CONTACT_KINDS = {1: "planar", 2: "hertzian"}
@@ -38,17 +38,17 @@ def _dense(message: Any) -> npt.NDArray[np.int32]:
 
 def _fits(holds: bool, what: str) -> None:
     if not holds:
-        raise InputError(f"{what} does not fit: update the host tools, or see what speaks on this line")
+        raise InputError(f"{what} is inconsistent: update the host tools, or check which device is on this line")
 
 
-def believed(values: npt.ArrayLike, validity: Sequence[int], flags: int) -> Array:
-    """`values` (..., n) where they are VALID, NaN elsewhere; n validities, none: all of them NaN."""
+def valid_or_nan(values: npt.ArrayLike, validity: Sequence[int], flags: int) -> Array:
+    """`values` (..., n) where VALID, NaN elsewhere. `validity` has n entries; if it is empty, all values become NaN."""
     is_valid = np.array([v == VALID for v in validity] or False) & (flags & ~KNOWN_FLAGS == 0)
     return np.where(is_valid, np.asarray(values, np.float64), np.nan)
 
 
 def _has(message: Any, part: str) -> bool:
-    """Does the message bring this part? Older schemas do not know it."""
+    """True if the message carries this part; older schemas may lack the field."""
     return part in message.DESCRIPTOR.fields_by_name and message.HasField(part)
 
 
@@ -59,9 +59,9 @@ def _three(validity: Sequence[int]) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Wrench:
-    """Force (N) and moment (N m) ON the pad about the undeformed pad centre.
+    """Force (N) and moment (N m) acting ON the pad, about the centre of the undeformed pad, in the pad frame.
 
-    `values` (6,) as sent, NaN where not measured: see `validity` before they are used. `force` and `torque` are safe.
+    `values` (6,) are as sent, NaN where not measured: check `validity` before use. `force` and `torque` are safe.
     """
 
     capture_s: float
@@ -74,17 +74,17 @@ class Wrench:
 
     @property
     def force(self) -> Array:
-        """(3,) newtons; NaN where it is not VALID."""
-        return believed(self.values[:3], self.validity[:3], self.flags)
+        """(3,) newtons; NaN where not VALID."""
+        return valid_or_nan(self.values[:3], self.validity[:3], self.flags)
 
     @property
     def torque(self) -> Array:
-        """(3,) N m; NaN where it is not VALID."""
-        return believed(self.values[3:], self.validity[3:], self.flags)
+        """(3,) N m; NaN where not VALID."""
+        return valid_or_nan(self.values[3:], self.validity[3:], self.flags)
 
     @property
     def sigma(self) -> Array | None:
-        """(6,) standard deviations, N and N m; None where they are not measured."""
+        """(6,) standard deviations, N and N m; None if not measured."""
         return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
 
     @classmethod
@@ -109,9 +109,9 @@ class Wrench:
 
 @dataclass(frozen=True)
 class Field:
-    """Nodal force (n_y, n_x, 3) in newtons and displacement in metres on the observed nodes.
+    """Nodal force (n_y, n_x, 3) in newtons and displacement in metres at the observed nodes, in the pad frame.
 
-    `raw_force` as sent: see `validity` before it is used. `force` is safe.
+    `raw_force` is as sent: check `validity` before use. `force` is safe.
     """
 
     capture_s: float
@@ -122,7 +122,7 @@ class Field:
     force_lsb_n: float
     displacement: Array | None
     validity: tuple[int, ...]
-    slip: npt.NDArray[np.int32] | None = None  # (n_y, n_x) NodeSlip: 0 nothing presses, 1 sticks, 2 slips
+    slip: npt.NDArray[np.int32] | None = None  # (n_y, n_x) NodeSlip: 0 no contact, 1 sticks, 2 slips
     sigma: Array | None = None  # (n_y, n_x, 3) standard deviation of `force`, N
     sigma_validity: int = NOT_MEASURED
 
@@ -143,13 +143,13 @@ class Field:
 
     @cached_property
     def force(self) -> Array:
-        """(n_y, n_x, 3) newtons ON the pad; NaN in each component that is not VALID."""
-        return believed(self.raw_force, self.validity, self.flags)
+        """(n_y, n_x, 3) newtons acting ON the pad; NaN in each component that is not VALID."""
+        return valid_or_nan(self.raw_force, self.validity, self.flags)
 
     def slip_margin(self, friction: float) -> Array:
-        """Shear that each node still takes, friction |f_z| - |f_t|, (n_y, n_x) newtons; 0 where nothing presses.
+        """Shear that each node can still bear before it slips, friction |f_z| - |f_t|, (n_y, n_x) newtons.
 
-        NaN everywhere unless all three components are VALID.
+        0 at nodes without contact; NaN everywhere unless all three components are VALID.
         """
         pressure = np.clip(-self.force[..., 2], 0, None)
         margin = friction * pressure - np.hypot(self.force[..., 0], self.force[..., 1])
@@ -158,9 +158,10 @@ class Field:
 
 @dataclass(frozen=True)
 class FlowParts:
-    """Parts of a texture's flow: mean size of its gradient part, size of the mean of the rest (m), twist (rad).
+    """Helmholtz decomposition of the optical flow of a texture.
 
-    The twist is how far the object has turned about z, from x towards y, if the pad sticks to it and it is wide.
+    curl_free : mean magnitude of the gradient part, m. divergence_free : magnitude of the mean of the remainder, m.
+    twist : rotation of the object about z, from x towards y, rad, if the contact sticks and is wide.
     """
 
     curl_free: float
@@ -174,12 +175,12 @@ def _vector(values: Sequence[int], n: int, unit: float, what: str) -> tuple[floa
 
 
 def _or_none(value: int, unit: float) -> float | None:
-    """0 on the wire: not stated."""
+    """None for 0, which means "not stated" on the wire."""
     return value * unit or None
 
 
 def _erased(part: Any) -> Any:
-    """The same dataclass with NaN in place of every number."""
+    """A copy with every number replaced by NaN."""
     return type(part)(**{f.name: _nan_like(getattr(part, f.name)) for f in fields(part)})
 
 
@@ -189,9 +190,9 @@ def _nan_like(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class SkinTouch:
-    """A touch of a skin, in the camera's axes: centre on the undeformed skin and force along the local normal.
+    """A touch on a curved skin, in the camera frame: centre on the undeformed skin and force along the local normal.
 
-    Standard deviations, of the force's size and of the contact's `center`, are None if they are not stated.
+    The standard deviations of the force's magnitude and of the contact's `center` are None if not stated.
     """
 
     place_m: Vector
@@ -210,12 +211,13 @@ class SkinTouch:
 
 @dataclass(frozen=True)
 class ToolTouch:
-    """A tool that came down along its own axis on a fingertip.
+    """A tool pressed along its own axis into a round fingertip.
 
-    place_m : of the tool's axis, in its own axes; way_m : of the tool since it touched.
-    roll_rad, pitch_rad : turn of the fingertip under the tool, about x, then about y.
-    normal_force_n : along the tool's axis, in the camera's axes.
-    flat_area_m2 : of the wall that lies in the tool's plane; None: not measured. The face is the contact's `area`.
+    place_m : offset of the tool's axis, in the tool's axes. way_m : travel of the tool since first touch.
+    roll_rad, pitch_rad : rotation of the fingertip under the tool, about x, then about y.
+    normal_force_n : along the tool's axis, in the camera frame.
+    flat_area_m2 : area of the wall that lies in the tool's plane, None if not measured. The area of the tool's face is
+        the contact's `area`.
     """
 
     place_m: tuple[float, float]
@@ -247,12 +249,13 @@ class ToolTouch:
 
 @dataclass(frozen=True)
 class ContactModel:
-    """What the contact models make of a texture's flow; NaN in each number whose validity is not VALID.
+    """Estimates of the contact models from the flow of a texture; each number is NaN unless its validity is VALID.
 
-    kind : "planar" or "hertzian", None before a press is told; kind_confidence 0.5 to 1.
-    gel_depth_m : of the gel; press_depth_m : of the object since it touched, with what itself gave way.
+    kind : "planar" or "hertzian", None before a press is detected; kind_confidence 0.5 to 1.
+    gel_depth_m : indentation of the gel. press_depth_m : travel of the object since first touch, including the
+        object's own deformation.
     stiffness_pa_per_m : of this press, d(normal force / effective area) / d(gel depth).
-    moment_by_flow_nm : k S_t, which the paper takes for the moment about z; the integral is the wrench's.
+    moment_by_flow_nm : k S_t, the paper's estimate of the moment about z; the integrated moment is in the wrench.
     """
 
     kind: str | None
@@ -274,8 +277,8 @@ class ContactModel:
         if (part := contact_part(m, "model")) is None:
             return None
         kind = CONTACT_KINDS.get(part.kind)
-        depth = float(believed(1.0, (part.depth_validity,), flags)[0])  # 1, or NaN
-        hardness = float(believed(1.0, (part.hardness_validity,), flags)[0])
+        depth = float(valid_or_nan(1.0, (part.depth_validity,), flags)[0])  # 1, or NaN
+        hardness = float(valid_or_nan(1.0, (part.hardness_validity,), flags)[0])
         return cls(
             kind, part.kind_sure_1e3 * 1e-3 if kind else None, depth * part.gel_depth_um * 1e-6,
             depth * part.depth_sigma_um * 1e-6, depth * part.press_depth_um * 1e-6,
@@ -287,11 +290,12 @@ class ContactModel:
 
 @dataclass(frozen=True)
 class Contact:
-    """One contact: newtons, metres, square metres; None where it is not measured.
+    """One contact, in newtons, metres and square metres; None where not measured.
 
-    `slip_state` is "sticks", "incipient" or "slides"; `slip_share` of its area slips; `slip_margin_n` is the shear
-    that it still takes. `raw_force`, `raw_skin` and `raw_tool` as sent: see the validities; `force`, `skin` and `tool`
-    are safe. With `reaches_border` the pad goes on beyond the camera's window, and all is of the seen part.
+    `slip_state` is "sticks", "incipient" or "slides"; `slip_share` is the slipping fraction of its area and
+    `slip_margin_n` the shear it can still bear. `raw_force`, `raw_skin` and `raw_tool` are as sent: check the
+    validities; `force`, `skin` and `tool` are safe. With `reaches_border` the contact may extend beyond the camera's
+    window, and all numbers are of the visible part.
     """
 
     area: float
@@ -306,7 +310,7 @@ class Contact:
     friction_sigma: float | None
     slip_margin_n: float | None
     flow_parts: FlowParts | None
-    id: int = 0  # the same while it lasts
+    id: int = 0  # constant for the life of the contact
     force_validity: tuple[int, ...] = ()  # x, y, z
     flags: int = 0
     reaches_border: bool = False
@@ -316,17 +320,17 @@ class Contact:
 
     @property
     def force(self) -> Array:
-        """(3,) newtons ON the pad; NaN where it is not VALID."""
-        return believed(self.raw_force, self._axes, self.flags)
+        """(3,) newtons acting ON the pad; NaN where not VALID."""
+        return valid_or_nan(self.raw_force, self._axes, self.flags)
 
     @property
     def skin(self) -> SkinTouch | None:
-        """Of a skin, with NaN in place of every number unless the force along the normal is VALID."""
+        """Touch on a skin; every number is NaN unless the normal force is VALID."""
         return self.raw_skin if self.raw_skin is None or self._is_normal_valid else _erased(self.raw_skin)
 
     @property
     def tool(self) -> ToolTouch | None:
-        """Of a fingertip, with NaN in place of every number unless the contact is VALID."""
+        """Tool on a fingertip; every number is NaN unless the contact is VALID."""
         return self.raw_tool if self.raw_tool is None or self._is_normal_valid else _erased(self.raw_tool)
 
     @property
@@ -341,15 +345,16 @@ class Contact:
     def from_message(cls, m: Any, flags: int = 0) -> Contact:
         slip: Any = None if flags & ~KNOWN_FLAGS else contact_part(m, "slip")
         state = None if slip is None else SLIP_STATES.get(slip.slip_state)
-        told = state is not None
-        known = told and slip.friction_1e3 > 0
+        has_slip = state is not None
+        has_friction = has_slip and slip.friction_1e3 > 0
         parts = contact_part(m, "helmholtz")
         return cls(
             m.area_um2_k * 1e-9, (m.center_x_um * 1e-6, m.center_y_um * 1e-6),
             (m.force_x_un * 1e-6, m.force_y_un * 1e-6, m.force_z_un * 1e-6), m.peak_depth_nm * 1e-9, m.validity,
-            state, slip.shear_ratio_1e3 * 1e-3 if told else None, slip.slip_share_1e3 * 1e-3 if told else None,
-            slip.friction_1e3 * 1e-3 if known else None, slip.friction_sigma_1e3 * 1e-3 if known else None,
-            slip.slip_margin_un * 1e-6 if known else None,
+            state, slip.shear_ratio_1e3 * 1e-3 if has_slip else None, slip.slip_share_1e3 * 1e-3 if has_slip else None,
+            slip.friction_1e3 * 1e-3 if has_friction else None,
+            slip.friction_sigma_1e3 * 1e-3 if has_friction else None,
+            slip.slip_margin_un * 1e-6 if has_friction else None,
             parts and FlowParts(parts.curl_free_nm * 1e-9, parts.divergence_free_nm * 1e-9, parts.twist_urad * 1e-6),
             m.id, _three(getattr(m, "force_validity", ())), flags, bool(number_of(m, "reaches_border")),
             SkinTouch.from_contact(m), ToolTouch.from_contact(m), ContactModel.from_contact(m, flags),
@@ -358,7 +363,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class Contacts:
-    """The separate contacts, largest first; `n_found` counts those that are too many to send as well."""
+    """The separate contacts, largest first; `n_found` also counts contacts that did not fit into the message."""
 
     capture_s: float
     frame: int
@@ -374,10 +379,10 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Depth:
-    """u_z along the pixels' rays on the depth grid, (n_y, n_x), metres.
+    """Surface displacement u_z along the pixels' rays on the depth grid, (n_y, n_x), metres.
 
-    `raw_depth` as sent: see `validity` before it is used. `depth` is safe. `sigma` metres, standard deviation where
-    something touches; None where the sensor does not state it. `step_px`: pixels from cell to cell.
+    `raw_depth` is as sent: check `validity` before use. `depth` is safe. `sigma` is the standard deviation under
+    contact, metres, None if the sensor does not state it. `step_px` is the pitch of the grid in pixels.
     """
 
     capture_s: float
@@ -390,8 +395,8 @@ class Depth:
 
     @cached_property
     def depth(self) -> Array:
-        """(n_y, n_x) metres; NaN where it is not VALID."""
-        return believed(self.raw_depth[..., None], (self.validity,), self.flags)[..., 0]
+        """(n_y, n_x) metres; NaN where not VALID."""
+        return valid_or_nan(self.raw_depth[..., None], (self.validity,), self.flags)[..., 0]
 
     @classmethod
     def from_message(cls, m: Any) -> Depth:
@@ -404,11 +409,10 @@ class Depth:
 
 @dataclass(frozen=True)
 class Residual:
-    """What the forces leave unexplained of the displacement at each node, in standard deviations along x, y, z.
+    """Displacement at each node that the estimated forces do not explain, in standard deviations along x, y, z.
 
-    About 1 where pad and noise are as the calibration takes them, whatever presses; see proto/README.md, "What the
-    forces do not explain". `raw_residual` (n_y, n_x, 3) as sent, of no node where it is not measured: see `validity`
-    before it is used. `residual` is safe.
+    About 1 if pad and noise are as calibrated, under any contact; see proto/README.md. `raw_residual` (n_y, n_x, 3) is
+    as sent, empty if not measured: check `validity` before use. `residual` is safe.
     """
 
     capture_s: float
@@ -419,12 +423,12 @@ class Residual:
 
     @cached_property
     def residual(self) -> Array:
-        """(n_y, n_x, 3) standard deviations; NaN where it is not VALID."""
-        return believed(self.raw_residual, (self.validity,) * 3, self.flags)
+        """(n_y, n_x, 3) standard deviations; NaN where not VALID."""
+        return valid_or_nan(self.raw_residual, (self.validity,) * 3, self.flags)
 
     @cached_property
     def size(self) -> Array:
-        """(n_y, n_x), root of the mean square of x, y and z: what the page's map shows."""
+        """(n_y, n_x), root mean square over x, y and z, as shown on the page's map."""
         return np.asarray(np.sqrt(np.mean(np.square(self.residual), axis=2)))
 
     @classmethod
@@ -439,10 +443,10 @@ class Residual:
 
 @dataclass(frozen=True)
 class Markers:
-    """Markers, patches or targets in the image, row by row: displacement against rest, and rest, (n_y, n_x, 2) px.
+    """Markers, patches or targets in the image, row by row, (n_y, n_x, 2) pixels: displacement from rest, and rest.
 
-    `is_lost`: estimated from neighbours. `quality` 255 / (1 + (expected error / 0.1 px)^2), 0 lost. `area_px2`: of
-    targets, change against rest. None: not sent.
+    `is_lost` marks values estimated from neighbours. `quality` is 255 / (1 + (expected error / 0.1 px)^2), 0 if lost.
+    `area_px2` is the change of a target's area from rest. Parts that were not sent are None.
     """
 
     capture_s: float
@@ -478,7 +482,7 @@ class Markers:
 
 @dataclass(frozen=True)
 class Image:
-    """The camera's frame, (h, w, 3) uint8, B G R; every step_px-th pixel of it where it does not fit a message."""
+    """The camera's frame, (h, w, 3) uint8, B G R; only every step_px-th pixel if the whole frame exceeds a message."""
 
     capture_s: float
     frame: int
@@ -495,11 +499,11 @@ class Image:
 
 @dataclass(frozen=True)
 class Learned:
-    """What a learned network says of a frame, later than the frame's other results and not of every frame.
+    """Output of a learned network for a frame; it arrives later than the frame's other results and not for each frame.
 
-    quantities : by name with its unit, as the network names them, e.g. `force_un`; none where it gave no number.
-    is_valid : finite, and within what the network was taught; took_s of the network alone, latency_s from mid-exposure,
-    rate_hz of results, 0 at the first.
+    quantities : value by name with its unit, as the network names them, e.g. `force_un`; empty if it gave no number.
+    is_valid : finite, and within the network's training range. took_s : inference alone. latency_s : since
+    mid-exposure. rate_hz : rate of results, 0 at the first.
     """
 
     capture_s: float
@@ -520,9 +524,9 @@ class Learned:
 
 @dataclass(frozen=True)
 class NetworkState:
-    """How a board's learned network fares; times of the last result, rate_hz 0 before the second.
+    """State of a board's learned network; times are those of the last result, rate_hz is 0 before the second.
 
-    state : loading, runs or failed; then `problem` says why.
+    state : "loading", "runs" or "failed"; `problem` gives the reason for a failure.
     """
 
     state: str
@@ -537,7 +541,7 @@ class NetworkState:
 
     @classmethod
     def from_status(cls, m: Any) -> NetworkState | None:
-        """Of STATUS; None where the board asks for no network, or the firmware is older than those fields."""
+        """From STATUS; None if the board uses no network or the firmware predates these fields."""
         fields = m.DESCRIPTOR.fields_by_name
         if "network" not in fields or "period_us" not in fields["network"].message_type.fields_by_name:
             return None

@@ -1,4 +1,4 @@
-"""What a host needs to change something on a sensor: the lease, and an owner's signature where one is asked for."""
+"""What a host needs to change a sensor: the lease and, if the sensor requires it, an owner's signature."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_WHO = 95
 
 
 class Writer:
-    """One host's lease and signatures on one line. Rules: proto/README.md, who may change something."""
+    """One host's lease and signatures on one line. Rules: proto/README.md, "Who may change something"."""
 
     def __init__(self) -> None:
         self.holder = int.from_bytes(os.urandom(4), "little") | 1
@@ -27,16 +27,16 @@ class Writer:
         self.has_lease = False
 
     def forget(self) -> None:
-        """The line was lost: so are lease and challenge."""
+        """Forget lease and challenge after the line was lost."""
         self._nonce, self.has_lease = b"", False
 
     def prepare(self, sensor: Line, action: str) -> None:
-        """Before the first command that changes something: a challenge where the sensor wants one, and the lease.
+        """Acquire the lease, and a challenge if the sensor requires signatures, before a command that changes it.
 
         Raises
         ------
         RefusedError
-            No key that is enrolled there can sign here, or another host has the lease.
+            This host has no key that is enrolled on the sensor, or another host holds the lease.
         """
         if action not in CHANGES or not sensor.schema.has_field("Command", "lease"):
             return

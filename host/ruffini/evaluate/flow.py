@@ -23,6 +23,7 @@ from ruffini.boards.pictures import picture_board
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 from ruffini.evaluate.warps import Picture, Warp
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 
@@ -212,7 +213,7 @@ def check(picture: Picture, board: Board | None) -> None:
     if board is None:
         board_for(picture)
         return
-    if board.markers is None or board.markers.polarity != "texture" or "markers" not in board.pipeline.stages:
+    if board.markers is None or board.markers.polarity != "texture" or not board.writes("markers"):
         raise InputError(f'board {board.name!r} follows no texture: markers.polarity = "texture" would say so')
     height, width = picture.shape[:2]
     if (width, height) != (board.camera.width_px, board.camera.height_px):
@@ -256,18 +257,17 @@ def table(result: dict[str, Any]) -> str:
             f"{texture}: {row['fields']} fields, up to {row['largest_px']:.1f} px; {row['patches']} patches, "
             f"{row['lost']:.1f} lost or without texture"
         )
-        lines.append("                        at patches           all pixels")
-        lines.append("                     RMS px  worst px        RMS px   median ms")
         q = row["quality"]
         lines.append(
             f"quality of patches states {q['stated_px']:.4f} px RMS; of its best quarter the error is "
             f"{q['best_quarter_px']:.4f}, of its worst {q['worst_quarter_px']:.4f}; rank correlation with the error "
             f"{q['rank_correlation']:.2f}"
         )
-        for name in ("ruffini", *DIS):
-            r = row[name]
-            label = name if name == "ruffini" else f"OpenCV DIS {name}"
-            lines.append(
-                f"{label:20} {r['rms_px']:6.4f} {r['worst_px']:9.4f} {r['dense_rms_px']:13.4f} {r['ms']:11.3f}"
+        lines += aligned(("", "at patches, RMS px", "worst px", "all pixels, RMS px", "median ms"), [
+            (
+                name if name == "ruffini" else f"OpenCV DIS {name}",
+                *(f"{row[name][key]:.4f}" for key in ("rms_px", "worst_px", "dense_rms_px")), f"{row[name]['ms']:.3f}",
             )
+            for name in ("ruffini", *DIS)
+        ])  # fmt: skip
     return "\n".join(lines)

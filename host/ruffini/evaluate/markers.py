@@ -23,6 +23,7 @@ from ruffini.core import Pipeline
 from ruffini.core.faults import faults
 from ruffini.errors import InputError
 from ruffini.evaluate.warps import Picture, Warp
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -196,7 +197,7 @@ def evaluate(
     InputError
         The board has no markers, too few frames, frames of several sizes, none of the board's markers at rest.
     """
-    if "markers" not in board.pipeline.stages or board.markers is None:
+    if not board.writes("markers") or board.markers is None:
         raise InputError(f"board {board.name!r} follows no markers: nothing to judge")
     n_rest = board.pipeline.n_rest_frames
     if len(frames) <= n_rest:
@@ -242,13 +243,11 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         f"{result['board']}: {result['frames']} frames, {result['markers_at_rest']} markers at rest",
         f"first frame moved by {warp['fields']} known fields, up to {warp['largest_px']:.1f} px, {warp['lost']} lost",
-        "                     RMS px  worst px  beyond 1 px, left out  median ms",
-    ]
-    for name, label in (("ruffini", "ruffini"), ("lucas_kanade", "OpenCV Lucas-Kanade")):
-        row = warp[name]
-        lines.append(
-            f"{label:19} {row['near_rms_px']:7.4f} {row['near_worst_px']:9.4f} {row['astray']:22d} {row['ms']:10.3f}"
-        )
+        *aligned(("", "RMS px", "worst px", "beyond 1 px, left out", "median ms"), [
+            (label, f"{row['near_rms_px']:.4f}", f"{row['near_worst_px']:.4f}", row["astray"], f"{row['ms']:.3f}")
+            for label, row in (("ruffini", warp["ruffini"]), ("OpenCV Lucas-Kanade", warp["lucas_kanade"]))
+        ]),
+    ]  # fmt: skip
     lines.append(f"untouched: {rest['frames']} frames" + (
         f", RMS {rest['rms_px']:.4f} px ({rest['rms_axis_px']:.4f} an axis), worst {rest['worst_px']:.4f}; "
         f"noise about each marker's own mean {rest['sd_px']:.4f} px" if "rms_px" in rest else ", too few to judge"
@@ -257,12 +256,12 @@ def table(result: dict[str, Any]) -> str:
         f"identity: neighbours at {identity['nearest']:.2f} to {identity['farthest']:.2f} of their distance at rest, "
         f"torn in {len(identity['torn_frames'])} frames"
     )
-    lines.append("played otherwise      frames  worst px  beyond 0.05 px  seen in one only  largest step px")
-    for name, row in result["order"].items():
-        lines.append(
-            f"{name:20} {row['frames']:7d} {row['worst_px']:9.4f} {row['beyond_0.05_px']:15d} "
-            f"{row['seen_in_one_only']:17d} {row['largest_step_px']:16.2f}"
-        )
+    head = ("played otherwise", "frames", "worst px", "beyond 0.05 px", "seen in one only", "largest step px")
+    lines += aligned(head, [
+        (name, row["frames"], f"{row['worst_px']:.4f}", row["beyond_0.05_px"], row["seen_in_one_only"],
+         f"{row['largest_step_px']:.2f}")
+        for name, row in result["order"].items()
+    ])  # fmt: skip
     lines.append("frame: largest displacement px (largest step since the frame before)")
     pairs = [f"{d:6.2f} ({s:5.2f})" for d, s in zip(result["largest_px"], result["step_px"], strict=True)]
     lines += [f"{i:5d}: " + " ".join(pairs[i : i + 8]) for i in range(0, len(pairs), 8)]

@@ -23,6 +23,7 @@ from ruffini.errors import InputError
 from ruffini.estimators.photometric.pad_view import MappedCamera, PadView, mm_per_px, pad_view
 from ruffini.estimators.photometric.presses import Press, PressSet, ball_slope
 from ruffini.frames import read_image
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 
@@ -309,15 +310,15 @@ def table(result: dict[str, Any]) -> str:
         f"{result['n_presses']} presses, inside {result['inside']} of the contact radius; "
         f"{result['circles_text']} | refitted within {REFIT_PX:.0f} px"
         + ("; camera as measured" if result["has_measured_camera"] else ""),
-        f"{'image':16} normals, deg    cap RMS, mm        peak to edge      dx, dy, dr px",
     ]
-    for row in result["presses"]:
-        a, b = row["marked"], row["refitted"]
-        lines.append(
-            f"{row['image']:16} {a['normal_deg']:5.2f} | {b['normal_deg']:5.2f}  "
-            f"{a['cap_rms_mm']:6.4f} | {b['cap_rms_mm']:6.4f}  {a['peak_to_edge']:6.3f} | {b['peak_to_edge']:6.3f}  "
-            + " ".join(f"{v:+5.2f}" for v in row["correction_px"]) + ("  at the equator" if row["at_equator"] else "")
-        )  # fmt: skip
+    shown = (("normal_deg", ".2f"), ("cap_rms_mm", ".4f"), ("peak_to_edge", ".3f"))
+    lines += aligned(("image", "normals, deg", "cap RMS, mm", "peak to edge", "dx, dy, dr px", ""), [
+        (
+            row["image"], *(f"{row['marked'][key]:{form}} | {row['refitted'][key]:{form}}" for key, form in shown),
+            " ".join(f"{v:+5.2f}" for v in row["correction_px"]), "at the equator" if row["at_equator"] else "",
+        )
+        for row in result["presses"]
+    ])  # fmt: skip
     for name in ("marked", "refitted"):
         s = result[name]
         lines.append(

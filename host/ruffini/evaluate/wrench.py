@@ -16,6 +16,7 @@ from ruffini.estimators.wrench.fit import N_FOLDS, Fit, fit_wrench_map, folds_of
 from ruffini.estimators.wrench.log import FeatureRun, Features
 from ruffini.estimators.wrench.model import AXES, Frames, frames_of
 from ruffini.estimators.wrench.tables import tables
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -166,8 +167,8 @@ def table(protocols: list[Protocol], flagged: float | None) -> str:
     """As text."""
     lines = [f"mean absolute errors, N and N mm; {N_FOLDS} folds of touches; board: the firmware's integers"]
     for each in protocols:
-        lines += ["", each.name, f"  {'':14}" + "".join(f"{axis:>8}" for axis in AXES)]
-        lines += [f"  {name:14}" + "".join(f"{v:8.3f}" for v in mae) for name, mae in each.mae.items()]
+        lines += ["", each.name]
+        lines += aligned(("", *AXES), [(name, *(f"{v:.3f}" for v in mae)) for name, mae in each.mae.items()], "  ")
         lines.append(
             f"  within one stated sigma {100 * each.within(1):.0f} %, two {100 * each.within(2):.0f} %; flagged "
             f"{100 * each.board.flagged.mean():.1f} %; maps: {', '.join(f.kernel or 'K' for f in each.board.fits)}"

@@ -1,7 +1,7 @@
 """float64 matrix -> the board's program of integer products, with its certificate.
 
 Candidates are a dense program and hierarchical ones, each over the reflection classes of the matrix
-(symmetry.py); the cost model picks the cheapest that meets the error. README.md says what each route gives.
+(symmetry.py); the cost model picks the cheapest that meets the error. DESIGN.md says what each route gives.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How wrong the second pass is: a standard deviation for each nodal force, a covariance for the wrench.
 
 What limits the second pass is not the noise but the edge of a contact between two nodes and a material that is not
-quite the operator's, so no posterior of the noise tells it (README.md). A node's error is read off the field itself:
+quite the operator's, so no posterior of the noise tells it (DESIGN.md). A node's error is read off the field itself:
 
     variance_c = table_c[how large f_z is] + (reading_c + s^2) f_c^2 + step_c m_c^2 + w (contrast_c d_c^2 + rough_c r^2)
 

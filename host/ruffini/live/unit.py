@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,15 +14,16 @@ from ruffini.boards import Board
 from ruffini.daemon import Daemon, started_daemon
 from ruffini.errors import InputError
 from ruffini.live.cameras import LocalCamera
+from ruffini.live.recording_server import RecordingServer
 
 MAX_SERIAL_BYTES = 31  # ruffinid's --serial
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")  # that ruffinid's replay takes
 
 
 class Source(NamedTuple):
-    """Where frames come from: ruffinid's --camera and its options, a name for a person, and what tells the unit."""
+    """Where frames come from: ruffinid's --camera or a recording, options, a name for a person, what tells the unit."""
 
-    camera: str
+    camera: str | Path
     options: tuple[str, ...]
     text: str
     key: str
@@ -36,7 +38,7 @@ def of_camera(camera: LocalCamera) -> Source:
 
 def of_recording(path: Path) -> Source:
     """A video or a folder of pictures, again and again; the stream is marked as a replay."""
-    return Source(f"replay:{path}", ("--loop",), str(path), f"recording-{path.resolve().stem}")
+    return Source(path, ("--loop",), str(path), f"recording-{path.resolve().stem}")
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -80,8 +82,13 @@ def running_unit(source: Source, board: Board) -> Iterator[Daemon]:
     assert board.folder is not None
     store = store_folder(board, source.key)
     store.mkdir(parents=True, exist_ok=True)
-    with started_daemon(board.folder, source.camera, store, *source.options) as daemon:
-        yield daemon
+    with contextlib.ExitStack() as stack:
+        camera = source.camera
+        if isinstance(camera, Path):
+            socket = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-"))) / "frames"
+            stack.enter_context(RecordingServer(board, socket, camera))
+            camera = f"frames:{socket}"
+        yield stack.enter_context(started_daemon(board.folder, camera, store, *source.options))
 
 
 def what_is_missing(board: Board, calibration: Any) -> str:

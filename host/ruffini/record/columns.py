@@ -1,4 +1,4 @@
-"""Results as columns of one number or word each, with units in their names; what is not valid is NaN."""
+"""Results as flat columns of one number or string each, with units in their names; invalid numbers are NaN."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ruffini.device.results import (
     Learned,
     SkinTouch,
     ToolTouch,
-    believed,
+    valid_or_nan,
 )
 
 Row = dict[str, Any]
@@ -24,9 +24,9 @@ UNITS = {"curl_free": "curl_free_m", "divergence_free": "divergence_free_m", "tw
 
 
 def contact_columns(contact: Contact | None, *, has_absent: bool = True) -> Row:
-    """Of a contact, with all that stages add to it; None: the same columns without a number.
+    """Columns of a contact, including the parts that stages add to it; all NaN for None.
 
-    With `has_absent` also of messages that this contact does not have, so that all contacts have the same columns.
+    With `has_absent` also the columns of parts that this contact lacks, so that all contacts have the same columns.
     """
     c = contact
     is_known = c is not None and c.validity == VALID
@@ -37,7 +37,7 @@ def contact_columns(contact: Contact | None, *, has_absent: bool = True) -> Row:
         "contact_area_m2": c.area if is_known and c is not None else NAN,
         **{f"contact_center_{axis}_m": v for axis, v in zip("xy", center, strict=True)},
         **{f"contact_force_{axis}_n": v for axis, v in zip("xyz", force, strict=True)},
-        "contact_peak_depth_m": NAN if c is None else float(believed([c.peak_depth], (c.validity,), c.flags)[0]),
+        "contact_peak_depth_m": NAN if c is None else float(valid_or_nan([c.peak_depth], (c.validity,), c.flags)[0]),
         "contact_reaches_border": c is not None and c.reaches_border,
         "contact_slip_state": "" if c is None or c.slip_state is None else c.slip_state,
     }  # fmt: skip
@@ -51,7 +51,7 @@ def contact_columns(contact: Contact | None, *, has_absent: bool = True) -> Row:
 
 
 def learned_columns(learned: Learned | None) -> Row:
-    """Of the newest word of a learned network; its quantities are JSON, their names are the network's own."""
+    """Columns of the newest output of a learned network; its quantities are JSON under the network's own names."""
     m = learned
     return {
         "learned": "" if m is None else json.dumps(m.quantities), "learned_frame": -1 if m is None else m.frame,

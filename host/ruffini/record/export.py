@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
 from ruffini.api.sensor import node_places, sensor_info
-from ruffini.device.results import Field, believed
+from ruffini.device.results import Field, valid_or_nan
 from ruffini.errors import InputError
 from ruffini.extras import missing
 from ruffini.record.columns import contact_columns, learned_columns
@@ -159,7 +159,7 @@ def _row(recording: Recording, frame: SensorFrame) -> dict[str, Any]:
 
 
 def _valid_sigma(field: Field) -> Any:
-    return None if field.sigma is None else believed(field.sigma, (field.sigma_validity,) * 3, field.flags)
+    return None if field.sigma is None else valid_or_nan(field.sigma, (field.sigma_validity,) * 3, field.flags)
 
 
 def _dense(frames: list[SensorFrame], get: Callable[[SensorFrame], Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:

@@ -1,6 +1,6 @@
-"""Recordings read again: the raw bytes of the line, so what a program gets is what it would have got from the sensor.
+"""Reader of recordings. It decodes the raw bytes of the line, so a program gets the same messages as from the sensor.
 
-A file that was cut off or spoilt is read as far as it goes, and says what is missing.
+A truncated or damaged file is read as far as possible; `Recording.problems` lists what is missing.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RAW_TOPIC = "/ruffini/raw"
 HELLO_ATTACHMENT = "hello"
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA, FOOTER, LAST_KIND = 3, 4, 5, 6, 9, 12, 2, 15
-# Of a chunk record: opcode, length; begin, end, size, CRC; compression; length of what is compressed.
+# A chunk record: opcode, length; start, end, size, CRC; compression; length of the compressed data.
 CHUNK_HEAD = re.compile(rb"\x06(.{8}).{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)(.{8})", re.DOTALL)
 HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 MAX_RECORD_BYTES = 1 << 28
@@ -37,7 +37,7 @@ MAX_RECORD_BYTES = 1 << 28
 
 @dataclass(frozen=True)
 class ClockPoint:
-    """One time on the sensor's clock, the host's monotonic one and the wall's."""
+    """One instant on the sensor's clock, the host's monotonic clock and UTC."""
 
     sensor_us: int
     monotonic_ns: int
@@ -51,22 +51,22 @@ class ClockPoint:
 
 
 class Recording:
-    """An MCAP file that `ruffini record` or the page wrote.
+    """An MCAP file written by `ruffini record` or the page.
 
     Attributes
     ----------
-    hello : the sensor's HELLO; schema : its messages.
-    problems : sentences about what could not be read, known once it was read to its end.
-    gaps : times without line, as they were noted.
-    clock : the sensor's clock on the host's, as it was noted.
-    read_ns : when the bytes came that `packets` read last, on the host's monotonic clock; None: not known.
-    arrival_ns : when the last message came of the frame that `frames` gave last, on the host's monotonic clock; None:
-        not known, as of the page's recordings.
+    hello : the sensor's HELLO. schema : the schema of its messages.
+    problems : messages about unreadable parts, complete once the file was read to its end.
+    gaps : interruptions of the line during the recording.
+    clock : the sensor's clock against the host's at the times at which it was recorded.
+    read_ns : arrival of the bytes last read by `packets`, on the host's monotonic clock; None if unknown.
+    arrival_ns : arrival of the last message of the frame last returned by `frames`, on the host's monotonic clock;
+        None if unknown, as in recordings of the page.
 
     Raises
     ------
     InputError
-        There is no such file, or it is no recording of a sensor.
+        The file does not exist or is not a recording of a sensor.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -78,9 +78,9 @@ class Recording:
         self._gaps: list[LineGap] = []
         schema = hello = hello_bytes = None
         self._has_raw = False
-        self._topics: dict[int, str] = {}  # by channel; the summary repeats those of a first chunk that is spoilt
+        self._topics: dict[int, str] = {}  # by channel; the summary repeats those of a damaged first chunk
         for kind, record in self._records(all_chunks=False):
-            if kind == SCHEMA and record.name == "ruffini.Hello":  # the first that makes sense
+            if kind == SCHEMA and record.name == "ruffini.Hello":  # use the first valid one
                 schema = schema or self._schema_of(record.data)
             elif kind == MESSAGE and self._topics.get(record.channel_id) == "/ruffini/hello" and schema is not None:
                 hello = schema.decode(schema.type_numbers["HELLO"], record.data)
@@ -91,7 +91,7 @@ class Recording:
         if schema is not None and hello is None:
             hello = schema.decode(schema.type_numbers["HELLO"], hello_bytes) if hello_bytes else self._hello_of(schema)
         if schema is None or hello is None or not self._has_raw:
-            raise InputError(f"{self.path}: is no recording of a sensor: make one with `ruffini record`")
+            raise InputError(f"{self.path} is not a recording of a sensor: make one with `ruffini record`")
         self.schema: Schema = schema
         self.hello: Any = hello
         self.gaps = tuple(self._gaps)
@@ -105,16 +105,16 @@ class Recording:
     def _schema_of(self, data: bytes) -> Schema | None:
         try:
             schema = Schema(data)
-            # One flipped bit in a name leaves a schema that can be read, of other names.
+            # A flipped bit in a name leaves a readable schema with a wrong name.
             if not schema.has_field("Hello", "device_serial"):
                 raise InputError("HELLO has no device_serial")
             return schema
         except InputError as error:
-            self._problem(f"a schema is spoilt and was passed over: {error}")
+            self._problem(f"a damaged schema was skipped: {error}")
             return None
 
     def _hello_of(self, schema: Schema) -> Any:
-        """HELLO as it came over the line, e.g. after a lost line; None if it did not."""
+        """HELLO among the bytes of the line, e.g. after a reconnection; None if there is none."""
         decoder = Decoder()
         for kind, record in self._records(all_chunks=True):
             if kind == MESSAGE and self._topics.get(record.channel_id) == RAW_TOPIC:
@@ -124,7 +124,7 @@ class Recording:
         return None
 
     def packets(self) -> Iterator[tuple[Frame, Any]]:
-        """Messages as they came over the line, with host times where the recording has them."""
+        """Messages in the order of the line, with host times if the recording has them."""
         decoder = Decoder()
         for kind, record in self._records(all_chunks=True):
             if kind != MESSAGE or self._topics.get(record.channel_id) != RAW_TOPIC:
@@ -139,15 +139,15 @@ class Recording:
                     frame = replace(frame, host_time_ns=host[0], host_time_error_ns=host[1])
                 yield frame, message
         if decoder.counters.damaged:
-            self._problem(f"what came damaged over the line was left out ({decoder.counters.damaged} frames or pieces)")
+            self._problem(f"{decoder.counters.damaged} frames or pieces that arrived damaged were skipped")
 
     def frames(self, sensor: int | None = None, *, partial: bool = False) -> Iterator[SensorFrame]:
-        """Frames as `ruffini.connect` gives them, from the first to the last.
+        """Frames as those of `ruffini.connect`, from the first to the last.
 
         Parameters
         ----------
-        sensor : of a device with several only this one's.
-        partial : also frames of which a part was lost on the way; that part is None.
+        sensor : only frames of this sensor, on a device with several.
+        partial : also frames that lost a part on the line; that part is None.
         """
         before: dict[int, int] = {}
         gaps, gap = deque(self.gaps), None
@@ -156,7 +156,7 @@ class Recording:
             if sensor not in (None, frame.sensor) and frame.sensor != DEVICE:
                 continue
             missed = None if last is None or frame.number < last else max(frame.number - last - 1, 0)
-            # A gap was noted behind the frame that ended it: that one misses what the note says.
+            # A gap is recorded after the frame that ended it; that frame's `n_missed` includes the gap's frames.
             is_after = gaps and last is not None and (gaps[0].n_frames or 0) <= (missed or 0) > 0
             is_anew = gaps and last is not None and missed is None and gaps[0].n_frames is None
             gap = gaps.popleft() if is_after or is_anew else gap
@@ -180,7 +180,7 @@ class Recording:
             yield frame
 
     def utc_ns(self, capture_us: int) -> int | None:
-        """The sensor's time as the host's clock on the wall said it; None: not known."""
+        """A sensor time as UTC of the host, ns; None if unknown."""
         if not self.clock or (host := self._host_time(capture_us)) is None:
             return None
         point = self.clock[-1]
@@ -188,19 +188,19 @@ class Recording:
 
     # ---- times --------------------------------------------------------------------------------
 
-    def _note(self, name: str, said: Mapping[str, str]) -> None:
+    def _note(self, name: str, fields: Mapping[str, str]) -> None:
         try:
             if name == "clock":
-                self.clock.append(ClockPoint(int(said["sensor_us"]), int(said["host_monotonic_ns"]),
-                                              int(said["host_utc_ns"]), int(said["error_ns"])))  # fmt: skip
+                self.clock.append(ClockPoint(int(fields["sensor_us"]), int(fields["host_monotonic_ns"]),
+                                              int(fields["host_utc_ns"]), int(fields["error_ns"])))  # fmt: skip
             elif name == "gap":
-                n = said["missing_frames"]
-                self._gaps.append(LineGap(float(said["lost_s"]), int(n) if n.isdecimal() else None))
+                n = fields["missing_frames"]
+                self._gaps.append(LineGap(float(fields["lost_s"]), int(n) if n.isdecimal() else None))
         except (KeyError, ValueError):
-            self._problem(f"a note of {name!r} makes no sense and was passed over")
+            self._problem(f"an invalid metadata record {name!r} was skipped")
 
     def _host_time(self, capture_us: int) -> tuple[int, int] | None:
-        """Monotonic time and its bound: on the line between two notes of the clock, or beside the nearest one."""
+        """Monotonic time and its error bound, interpolated between two clock records or from the nearest one."""
         clock = self.clock
         if not clock:
             return None
@@ -223,13 +223,13 @@ class Recording:
             self.problems.append(text)
 
     def _records(self, *, all_chunks: bool) -> Iterator[tuple[int, Any]]:
-        """Schemas, channels, messages, metadata; of the chunks only the first ones, until HELLO was in one."""
+        """Schemas, channels, messages and metadata; without `all_chunks` only chunks up to the first with HELLO."""
         try:
             with readable(self.path, None).open("rb") as stream:
                 if stream.read(len(MAGIC)) != MAGIC:
                     if not self._ends_as_mcap(stream):
-                        raise InputError(f"{self.path}: is no MCAP file: record with `ruffini record`")
-                    self._problem("its first bytes make no sense")
+                        raise InputError(f"{self.path} is not an MCAP file: make one with `ruffini record`")
+                    self._problem("its first bytes are invalid")
                 for kind, record in self._top(stream):
                     if kind == CHUNK:
                         if all_chunks or "/ruffini/hello" not in self._topics.values() or not self._has_raw:
@@ -240,7 +240,7 @@ class Recording:
             raise InputError(f"{self.path}: cannot be read: {error.strerror}") from error
 
     def _ends_as_mcap(self, stream: BinaryIO) -> bool:
-        """True if the file ends as an MCAP file does; the stream is then behind its first bytes."""
+        """True if the file ends as an MCAP file does; leaves the stream after its first bytes."""
         if self.path.stat().st_size < 2 * len(MAGIC):
             return False
         stream.seek(-len(MAGIC), 2)
@@ -249,13 +249,13 @@ class Recording:
         return end == MAGIC
 
     def _top(self, stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
-        """The records of the file, summary included; after bytes that make no sense it goes on at the next chunk."""
+        """The records of the file, summary included; continues at the next chunk after invalid bytes."""
         size = self.path.stat().st_size
         while True:
             at = stream.tell()
             head = stream.read(HEAD.size)
             if len(head) < HEAD.size:
-                self._problem(f"it ends after {size} bytes without an end: it was cut off, the rest is not there")
+                self._problem(f"it was cut off after {size} bytes: the rest is missing")
                 return
             kind, length = HEAD.unpack(head)
             if kind == FOOTER:
@@ -265,16 +265,18 @@ class Recording:
                 continue
             there = self._next_chunk(at + 1, size)
             if there is not None:
-                self._problem(f"bytes {at} to {there} make no sense: what they held is lost")
+                self._problem(f"bytes {at} to {there} are invalid: their messages are lost")
                 stream.seek(there)
                 continue
-            self._problem(f"it is cut off or spoilt in a record at byte {at} of {size}: what is missing is not known")
+            self._problem(
+                f"it is cut off or damaged in a record at byte {at} of {size}: the extent of the loss is unknown"
+            )
             if kind == CHUNK:
                 yield kind, stream.read(min(length, MAX_RECORD_BYTES))
             return
 
     def _next_chunk(self, start: int, size: int) -> int | None:
-        """Where the next whole chunk begins: the two lengths in its header agree, and it ends within the file."""
+        """Start of the next complete chunk: the two lengths in its header agree and it ends within the file."""
         with self.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             while (found := CHUNK_HEAD.search(data, start)) is not None:
                 length = int.from_bytes(found[1], "little")
@@ -285,18 +287,18 @@ class Recording:
         return None
 
     def _inside(self, data: bytes) -> Iterator[tuple[int, Any]]:
-        """The records of a chunk; of one that is cut off or spoilt those that are whole."""
+        """The records of a chunk; of a truncated or damaged one those that are complete."""
         try:
             _, _, size, crc, n = struct.unpack_from("<QQQII", data)
             compression = data[32 : 32 + n].decode()
             body = data[40 + n :]
             inside = _decompressed(body, compression, min(size, MAX_RECORD_BYTES))
         except (struct.error, UnicodeDecodeError, ValueError) as error:
-            self._problem(f"a chunk of {len(data)} bytes cannot be read and was passed over: {error}")
+            self._problem(f"an unreadable chunk of {len(data)} bytes was skipped: {error}")
             return
-        is_spoilt = len(inside) == size and crc != 0 and zlib.crc32(inside) != crc
-        if is_spoilt:
-            self._problem(f"a chunk of {len(data)} bytes is spoilt: only messages whose own checksum fits are used")
+        is_damaged = len(inside) == size and crc != 0 and zlib.crc32(inside) != crc
+        if is_damaged:
+            self._problem(f"a chunk of {len(data)} bytes is damaged: only messages with a correct checksum are used")
         if len(inside) < size:
             self._problem(f"a chunk holds {len(inside)} of {size} bytes: the rest of it is lost")
         at = 0
@@ -306,9 +308,9 @@ class Recording:
             if at + length > len(inside):
                 return
             # The line's own bytes carry their checksums; nothing else of a spoilt chunk can be believed.
-            if not is_spoilt or kind == MESSAGE:
+            if not is_damaged or kind == MESSAGE:
                 for record in self._read(kind, inside[at : at + length]):
-                    if not is_spoilt or self._is_raw(*record):
+                    if not is_damaged or self._is_raw(*record):
                         yield record
             at += length
 

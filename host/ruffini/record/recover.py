@@ -1,4 +1,4 @@
-"""A spoilt or cut-off recording written again as a whole file."""
+"""Rewrites a damaged or truncated recording as a valid file."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ruffini.record.mcap_file import CHUNK_BYTES, attach_hello, register_message
 from ruffini.record.recording import RAW_TOPIC, Recording
 from ruffini.wire import encode_message
 
-DEVICE_NAMES = ("HELLO", "SCHEMA", "REPLY")  # answers to a host: they are no results
+DEVICE_NAMES = ("HELLO", "SCHEMA", "REPLY")  # answers to a host, not results
 
 
 def recover(recording: Recording, out: Path) -> dict[str, int]:
-    """Write every message of `recording` whose checksum fits, with its notes of clock and gaps.
+    """Write every message of `recording` with a correct checksum, and its records of clock and gaps.
 
     Returns
     -------

@@ -17,22 +17,22 @@ from ruffini.wire.framing import REPLAY, SIMULATED
 
 DEVICE = 255
 NOT_PLAYED = ("HELLO", "SCHEMA", "REPLY", "TIME", "COMMAND", "SIGNED_COMMAND")
-MAX_WAITING_BYTES = 1 << 20  # for a host that does not read; then results are left out, answers are not
-REMEMBERED = 256  # frames whose time of playing is known, for results that come late
+MAX_WAITING_BYTES = 1 << 20  # queued for a host that does not read; beyond it results are dropped, replies are not
+REMEMBERED = 256  # frames whose playback time is kept, for late results
 TURN_S = 0.02
-END_S = 1.0  # for the last bytes to be taken
+END_S = 1.0  # time for the host to read the last bytes
 
 
 class ReplayedSensor:
-    """The device's end of a new pty, whose other end is `port`.
+    """Plays a recording on a new pty, whose other end is `port`.
 
-    `Stamp.capture_us` is when a picture is played, on this computer's monotonic clock; all else is as it was recorded.
-    Subscribing, HELLO, SCHEMA, STATUS and TIME are answered, any other command is refused.
+    `Stamp.capture_us` is the playback time on this computer's monotonic clock; everything else is as recorded.
+    Subscriptions, HELLO, SCHEMA, STATUS and TIME are answered, other commands are refused.
 
     Parameters
     ----------
-    speed : 2 plays twice as fast.
-    is_loop : begin again at the end.
+    speed : playback speed, 2 is twice as fast.
+    is_loop : restart at the end.
     """
 
     def __init__(self, recording: Recording, *, speed: float = 1.0, is_loop: bool = False) -> None:
@@ -40,7 +40,7 @@ class ReplayedSensor:
         self._master, slave = os.openpty()
         tty.setraw(slave)
         self.port = os.ttyname(slave)
-        os.close(slave)  # so that a host that hangs up is seen
+        os.close(slave)  # so that a hang-up of the host is detected
         os.set_blocking(self._master, False)
         self._hello = type(recording.hello).FromString(recording.hello.SerializeToString())
         self._hello.session_id = int.from_bytes(os.urandom(3), "little") + 1
@@ -51,7 +51,7 @@ class ReplayedSensor:
         self._out = bytearray()
         self._flags, self._status = REPLAY, b""
         self._played_us: dict[tuple[int, int], int] = {}
-        self.n_dropped = 0  # results that the host did not take in time
+        self.n_dropped = 0  # results that the host did not read in time
         self.n_frames = 0
 
     def __enter__(self) -> ReplayedSensor:
@@ -61,22 +61,22 @@ class ReplayedSensor:
         os.close(self._master)
 
     def run(self, should_stop: Callable[[], bool] = lambda: False) -> None:
-        """Play from the first subscription on, to the end of the recording or until `should_stop`."""
+        """Play from the first subscription to the end of the recording, or until `should_stop`."""
         while not self._every and not should_stop():
             self._turn(TURN_S)
-        shift = 0  # of frame numbers, so that they go on when it begins again
+        shift = 0  # of frame numbers, so that they continue after a restart
         while not should_stop():
             last = self._play(shift, should_stop)
             if not self._is_loop or last is None:
                 break
             shift = last + 1
-        # What a host has not read yet is lost when the pty is closed.
+        # Bytes that the host has not read are lost when the pty is closed.
         end_s = time.monotonic() + END_S
         while self._every and time.monotonic() < end_s and not should_stop():
             self._turn(TURN_S)
 
     def _play(self, shift: int, should_stop: Callable[[], bool]) -> int | None:
-        """Once from the beginning; the highest number that a frame had."""
+        """Play once; returns the highest frame number."""
         began_s, first_us, last = time.monotonic(), None, None
         for packet, message in self._recording.packets():
             name = self._schema.type_name(packet.type)
@@ -128,7 +128,7 @@ class ReplayedSensor:
     # ---- the line -----------------------------------------------------------------------------
 
     def _turn(self, wait_s: float) -> None:
-        """Take in what the host sent, answer, and give it what it takes; no longer than `wait_s`."""
+        """Read and answer the host's messages and write queued bytes, for at most `wait_s`."""
         readable, writable, _ = select.select([self._master], [self._master] if self._out else [], [], wait_s)
         try:
             if readable:
@@ -145,7 +145,7 @@ class ReplayedSensor:
             time.sleep(wait_s)
 
     def _hang_up(self) -> None:
-        """No host has the line open: what waited for one is nobody's."""
+        """The host has closed the line: drop the queue and the subscriptions."""
         self._out.clear()
         self._every = {}
         self._decoder = Decoder(from_host=True)
@@ -172,7 +172,7 @@ class ReplayedSensor:
             self._every = {s.type: s.every for s in command.subscribe.subscriptions if s.every}
         else:
             reply.code = self._schema.enum_number("ReplyCode", "REPLY_REFUSED")
-            reply.text = f"this is a recording ({self._recording.path.name}): it can be listened to, nothing else"
+            reply.text = f"this is a recording ({self._recording.path.name}): commands are not possible"
         return bytes(reply.SerializeToString())
 
 
@@ -182,7 +182,7 @@ def _now_us() -> int:
 
 @contextlib.contextmanager
 def replayed(recording: Recording, *, speed: float = 1.0, is_loop: bool = False) -> Iterator[str]:
-    """Play in a thread of its own; yields the port."""
+    """Play in a separate thread; yields the port."""
     import threading
 
     stop = threading.Event()

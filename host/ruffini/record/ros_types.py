@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ruffini.api.sensor import node_places, sensor_info
-from ruffini.device.results import Array, Field, Wrench, believed
+from ruffini.device.results import Array, Field, Wrench, valid_or_nan
 from ruffini.ros.messages import frame_id, pad_name
 from ruffini.wire import Frame
 
@@ -107,7 +107,7 @@ def point_cloud(field: Field, nodes: Array, time_ns: int, frame_id: str) -> byte
     points = np.zeros((n_y, n_x, 6), "<f4")
     points[..., :2] = nodes
     if field.displacement is not None:
-        points[..., :3] += np.nan_to_num(believed(field.displacement, field.validity, field.flags))
+        points[..., :3] += np.nan_to_num(valid_or_nan(field.displacement, field.validity, field.flags))
     points[..., 3:] = field.force
     out = Cdr().header(time_ns, frame_id).put("I", n_y, n_x, len(FIELDS))
     for i, name in enumerate(FIELDS):

@@ -1,1 +1,1 @@
-"""The calibration rig: what measures the true force (references), what presses (stages), and how they meet."""
+"""The calibration bench: reference force sensors, motion stages, and the collection of touches with them."""

@@ -1,4 +1,4 @@
-"""What a touch needs: stage or person, reference, stream, and who may stop it all."""
+"""The bench: stage or person, reference, sensor stream, and the guards that stop a touch."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ruffini.rig.guide import MAX_DRIFT, Guide
 from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.program import HOLD_S, Tool
 from ruffini.rig.reference import Reading
-from ruffini.rig.stage import Guard, nobody
+from ruffini.rig.stage import Guard, no_guard
 from ruffini.rig.stream_watch import StreamWatch
 from ruffini.rig.touch import LONGEST_GAP_S, MIN_FRAMES, MIN_READINGS, least_delay_s
 from ruffini.rig.watch import Watch
@@ -30,33 +30,33 @@ TARE_S = 0.15
 
 
 class Person(Protocol):
-    """Somebody who does what is said."""
+    """The person at the bench, who follows instructions."""
 
     def say(self, text: str) -> None:
-        """A line for them."""
+        """Show an instruction."""
 
     def confirm(self, text: str) -> None:
-        """Ask, and wait until they have done it.
+        """Show an instruction and wait until the person confirms that it is done.
 
         Raises
         ------
         RefusedError
-            They said no, or nobody is there.
+            The person declined, or nobody answers.
         """
 
 
 @dataclass
 class Bench:
-    """A bench that is connected, homed and at rest."""
+    """A bench: connected, homed and at rest."""
 
     reference: Watch
     stream: StreamWatch
-    bad_flags: dict[int, str]  # bits that spoil a frame, and what they are called
+    bad_flags: dict[int, str]  # flag bits that make a frame unusable, and their names
     person: Person
     max_force_n: float
     stage: GuardedStage | None = None
-    guard: Guard = nobody  # the stop key, and the force that the sensor measures
-    weight: PlacedWeight | None = None  # the reference, where that is a weight
+    guard: Guard = no_guard  # the stop key and the limit on the sensor's own force
+    weight: PlacedWeight | None = None  # the reference, if it is a weight
     session: str = ""
     longest_gap_s: float = LONGEST_GAP_S
     max_hold_s: float = MAX_HOLD_S
@@ -65,31 +65,31 @@ class Bench:
     guide: Guide = field(default_factory=Guide)  # what it is at, for whoever looks on
 
     def put_on(self, tool: Tool) -> None:
-        """Another indenter hangs on the stage; raises RefusedError where nobody puts it there."""
+        """Mount another indenter on the stage; raises RefusedError if the person declines."""
         if self.mount is not None:
             self.mount(tool)
         else:
             self.person.confirm(f"put on: {tool.told()}")
 
     def need_stage(self) -> GuardedStage:
-        """The stage; raises InputError where there is none."""
+        """The stage; raises InputError if the bench has none."""
         if self.stage is None:
             raise InputError("this program needs a stage: add [stage] to the bench's file, or use weights or free")
         return self.stage
 
     @contextlib.contextmanager
     def safely(self) -> Iterator[None]:
-        """Whatever goes wrong inside lifts the tip."""
+        """A context in which any exception lifts the tip."""
         with self.stage.safely() if self.stage else contextlib.nullcontext():
             yield
 
     def hold(self, started_s: float, least_s: float = HOLD_S) -> float:
-        """Wait until enough was seen since `started_s`, `least_s` at least; the time at which it ends.
+        """Wait at least `least_s` until enough frames and readings have come since `started_s`; returns the end time.
 
         Raises
         ------
         NoDeviceError, RefusedError
-            Sensor or reference went away or is saturated, or a guard says stop.
+            Sensor or reference was lost or is saturated, or a guard stopped it.
         """
         deadline = started_s + max(self.max_hold_s, least_s + self.max_hold_s / 2)
         self.guide.hold = (started_s, least_s)
@@ -107,7 +107,7 @@ class Bench:
         return host_clock.now()
 
     def catch_up(self, until_s: float) -> None:
-        """Wait until the stream shows a time of the host, however long its frames queue; raises as `hold`."""
+        """Wait until the stream has reached a host time, however long its frames are queued; raises as `hold`."""
         while True:
             newest = self.stream.latest()
             if newest.stream_s + least_delay_s(self.stream.since(until_s - self.max_hold_s).frames) > until_s:
@@ -115,22 +115,22 @@ class Bench:
             host_clock.sleep(0.02)
 
     def rest(self) -> list[Reading]:
-        """Readings of a moment in which nothing touches."""
+        """Readings of the reference over a short time without contact."""
         self.reference.fresh()
         return self.reference.collect(REST_S)
 
     def tare_again(self) -> Array:
-        """Take off what the reference drifted by since the last touch; all of it since the first tare, (6,).
+        """Tare the reference again; returns its total drift since the first tare, (6,).
 
         Raises
         ------
         RefusedError
-            It moves while nothing should touch it, or drifted further than can be believed.
+            It is not steady although nothing touches it, or its drift is implausibly large.
         """
         self.drift = self.drift + self.reference.tare_change(TARE_S)
         facts = self.reference.facts
         part = np.nan_to_num(abs(self.drift) / facts.full_scale)
         if part.max() > MAX_DRIFT:
             raise RefusedError(f"{facts.name} drifted by {100 * part.max():.1f} % of its range since it was tared: "
-                               "let it warm up, look what hangs on it, then start again")  # fmt: skip
+                               "let it warm up, check that nothing rests on it, then start again")  # fmt: skip
         return self.drift

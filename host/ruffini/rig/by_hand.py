@@ -27,7 +27,7 @@ POLL_S = 0.02
 
 
 def weight(bench: Bench, item: Weight, _: Path) -> dict[str, Any]:
-    """A person places a weight, waits, and takes it away. Where a reference weighs it too, it is checked."""
+    """A person places a weight, waits, and takes it away; if a reference also measures it, the two are compared."""
     bench.person.confirm(f"put {item.told()}")
     if bench.weight is not None:
         bench.weight.place(item.grams)
@@ -46,7 +46,7 @@ def weight(bench: Bench, item: Weight, _: Path) -> dict[str, Any]:
 
 
 def touch(bench: Bench, item: HandTouch, _: Path) -> dict[str, Any]:
-    """A person presses as hard as is said, and lets go."""
+    """A person presses with the requested force, and lets go."""
     begun = host_clock.now()
 
     def holds(since_s: float | None, for_s: float) -> None:
@@ -61,7 +61,7 @@ def touch(bench: Bench, item: HandTouch, _: Path) -> dict[str, Any]:
 
 
 def condition(bench: Bench, item: Condition, _: Path) -> dict[str, Any]:
-    """A person loads the connector and lets go; held is from when it begins until it ends."""
+    """A person loads the connector and lets go; the hold lasts from the beginning to the end of the load."""
     bench.person.say(item.told())
     begun = _wait(bench, item, lambda part: part > BEGUN, 0.0, "no load came")
     ended = _wait(bench, item, lambda part: part < ENDED, QUIET_S, "the load stayed")
@@ -71,7 +71,7 @@ def condition(bench: Bench, item: Condition, _: Path) -> dict[str, Any]:
 
 
 def _wait(bench: Bench, item: Condition, is_so: Callable[[float], bool], for_s: float, told: str) -> float:
-    """Until the largest part of the load has been so for a while; when that began."""
+    """Wait until `is_so` holds for `for_s` for the largest component of the load; returns when that began."""
     deadline, since = host_clock.now() + PATIENCE_S, None
     while (now := host_clock.now()) < deadline:
         bench.guard()

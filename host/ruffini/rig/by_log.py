@@ -1,6 +1,6 @@
-"""Program `log`: the sensor streams here, another program writes the reference to a CSV by a clock of its own.
+"""Program `log`: records the sensor's stream while another program writes the reference to a CSV with its own clock.
 
-The stream is kept on disk while it comes; clocks and touches are found when the CSV is there.
+The stream is stored on disk as it arrives; clocks and touches are determined once the CSV is available.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ MIN_OVERLAP_S = 3.0
 
 
 class Joined(NamedTuple):
-    """What came of a record: touches that are kept, and the faults of those that are not."""
+    """Result of joining a record: the touches kept, and the faults of those rejected."""
 
     n_touches: int
     faults: list[str]
 
 
 def record(stream: StreamWatch, person: Person, log: LogWriter, session: str) -> None:
-    """Keep the stream while the person presses and another program writes; nothing where that was done before."""
+    """Store the stream while the person presses and another program writes; does nothing if it is stored already."""
     if _chunks(log):
         person.say(f"the stream is there already: reading the CSV (to record anew, remove {log.side_file('')})")
         return
@@ -76,12 +76,13 @@ def record(stream: StreamWatch, person: Person, log: LogWriter, session: str) ->
 
 
 def join(log: LogWriter, csv_path: Path, bad_flags: dict[int, str], *, longest_gap_s: float) -> Joined:
-    """Touches of the stream that was kept, with the CSV's wrench on the host's clock; finishes the log.
+    """Touches of the stored stream, with the CSV's wrench on the host's clock; finishes the log.
 
     Raises
     ------
     InputError
-        The CSV cannot be read, has no times, or shows other presses; the stream stays, the same command goes on.
+        The CSV cannot be read, has no times, or shows other presses; the stream is kept, and the same command can be
+        repeated.
     """
     window, session = _kept(log)
     wrenches = read_csv_log(csv_path)
@@ -112,7 +113,7 @@ def join(log: LogWriter, csv_path: Path, bad_flags: dict[int, str], *, longest_g
 
 
 def align(stream_s: Array, stream_signal: Array, log_s: Array, log_n: Array) -> ClockFit:
-    """The CSV's clock against the stream's, however far they are apart.
+    """Fit the CSV's clock to the stream's, for any offset between them.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def align(stream_s: Array, stream_signal: Array, log_s: Array, log_n: Array) -> 
 
 
 def _rough_shift(stream_s: Array, signal: Array, log_s: Array, force_n: Array) -> float:
-    """Shift, in steps of 10 ms, at which two records are most alike where they overlap."""
+    """Shift, in steps of 10 ms, with the best correlation of two records where they overlap."""
     from scipy.signal import correlate
 
     a, b = (np.interp(np.arange(t[0], t[-1], COARSE_S), t, v) for t, v in ((stream_s, abs(signal)), (log_s, force_n)))
@@ -140,7 +141,7 @@ def _rough_shift(stream_s: Array, signal: Array, log_s: Array, force_n: Array) -
 
 
 def _activity(window: Window) -> Array:
-    """How hard the pad is pressed, in any unit: the sensor's normal force, else how far its markers moved."""
+    """A signal that follows the load, in any unit: the sensor's normal force, or the motion of its markers."""
     force = np.array([f.wrench[2] for f in window.frames])
     if not np.isnan(force).any():
         return force
@@ -155,7 +156,7 @@ def _touch(
     window: Window, rough_s: float, on_host_s: Array, wrench: Array, one: Cut, session: str,
     bad_flags: dict[int, str], longest_gap_s: float,
 ) -> tuple[Any, list[str]]:  # fmt: skip
-    """The stream is put on the host's clock by its own times: they are steadier than the times of arrival."""
+    """The stream's own times place it on the host's clock, since they jitter less than the times of arrival."""
     part = window.between(one.start_s - rough_s, one.end_s - rough_s)
     part = part._replace(frames=[f._replace(host_s=f.stream_s + rough_s) for f in part.frames])
     rows = np.flatnonzero((on_host_s > one.start_s) & (on_host_s < one.end_s))

@@ -1,4 +1,4 @@
-"""`ruffini cal check`: does a unit still measure as its report said? A weight tells its forces, a ball its depth."""
+"""`ruffini cal check`: does a unit still meet its calibration report? A weight checks forces, a ball checks depth."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from ruffini.calibrate.gates import MAX_ERROR, MAX_REST_N
 from ruffini.errors import InputError
 from ruffini.estimators.operator.error_model import node_places
 from ruffini.estimators.operator.fit import board_slab
+from ruffini.estimators.table import ESTIMATORS
 from ruffini.rig.bench import Bench
 from ruffini.rig.program import Weight
 from ruffini.rig.units import GRAVITY_M_S2
@@ -23,10 +24,8 @@ from ruffini.rig.units import GRAVITY_M_S2
 Array = npt.NDArray[np.float64]
 
 SETTLED_PART = 0.5  # of a hold, its end
-TIMES_REPORT = 2.0  # the report's 95th percentile: one touch in 20 is beyond it once, hardly one beyond it twice
-TIMES_RMS = 3.0  # of a normal error three in a thousand are beyond it
-MAX_RADIUS_ERROR = 0.15  # of a ball, at nodes two thirds of a millimetre apart; a factor of the depth is the inverse
-DEEP_PART = 0.6  # of the deepest: above half of it a ball's contact ends (Hertz)
+MAX_RADIUS_ERROR = 0.15  # relative, with nodes 0.67 mm apart; the radius is inversely proportional to the depth
+DEEP_PART = 0.6  # of the largest depth: a ball's contact ends at half of it (Hertz)
 LEAST_NODES = 6  # under the ball
 LEAST_DENT_M = 1e-4
 BALL_GRAMS = 100.0
@@ -34,7 +33,7 @@ FIELDS = 3  # the last of a hold
 
 
 class Checked(NamedTuple):
-    """What was to be, what the sensor said, and how far they may be apart; `unit` of all three."""
+    """Expected value, measured value and tolerance, all in `unit`."""
 
     what: str
     wanted: float
@@ -44,27 +43,25 @@ class Checked(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """Whether the unit still meets its report."""
+        """True if the unit still meets its report."""
         return abs(self.said - self.wanted) <= self.allowed
 
 
 def allowed_n(file: CalibrationFile | None, force_n: float) -> float:
-    """How far a force may be off: by the report in the calibration that is in force, else by the gates."""
+    """Tolerance of a force, N: from the report of the calibration in force, otherwise from the gates."""
     floor = MAX_ERROR * force_n + MAX_REST_N
     if file is None:
         return floor
     try:
         stages: Any = json.loads(file.metadata.get("residuals", "{}"))["stages"]
-        if "skin" in stages:  # its error grows with the force, above what it is off by where it is faint
-            part, faint_n = float(stages["skin"]["force_rms_percent"]) / 100, float(stages["skin"]["light_force_rms_n"])
-            return TIMES_RMS * max(part * force_n, faint_n)
-        return max(TIMES_REPORT * float(stages["material"]["left_out"]["force_p95_n"]), MAX_REST_N)
-    except (ValueError, KeyError, TypeError):
+        stated = [estimator.allowed_n(stages.get(estimator.name, {}), force_n) for estimator in ESTIMATORS]
+    except (ValueError, KeyError, TypeError, AttributeError):
         return floor
+    return max((value for value in stated if value is not None), default=floor)
 
 
 def check_weight(bench: Bench, grams: float, file: CalibrationFile | None) -> Checked:
-    """A person puts a weight on the level pad, and takes it away."""
+    """Check the normal force with a weight that a person places on the level pad."""
     bench.person.confirm(f"put {Weight(0.0, 0.0, grams).told()}")
     if bench.weight is not None:
         bench.weight.place(grams)
@@ -82,7 +79,7 @@ def check_weight(bench: Bench, grams: float, file: CalibrationFile | None) -> Ch
 
 
 def check_ball(bench: Bench, board: Board, ball_mm: float) -> Checked:
-    """A person loads a ball with a weight, or presses it as hard, and takes it away."""
+    """Check the depth with a ball that a person loads with a weight or presses by hand."""
     put = Weight(0.0, 0.0, BALL_GRAMS).told()
     bench.person.confirm(f"put {put}, onto the {ball_mm:g} mm ball (or press it as hard and hold still)")
     begun = host_clock.now()

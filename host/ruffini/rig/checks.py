@@ -1,4 +1,4 @@
-"""Is the reference what it is said to be? Looked at before the first touch: rate, rest, axes, unit."""
+"""Checks of the reference before the first touch: rate, rest, axes and unit."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from ruffini.rig.units import GRAVITY_M_S2, MISTAKE_TOLERANCE, likely_mistake
 Array = npt.NDArray[np.float64]
 
 AXIS_DOMINATES = 0.8  # part of the force that a straight press puts on z
-RATE_S = 0.6  # over which the rate is counted
-PROBE_N = 0.4  # of the press that is looked at
-SENSOR_TOLERANCE = 0.6  # a sensor that is yet to be calibrated may be off by as much
-SENSOR_MISTAKE = 0.35  # of the ratio of two units, against such a sensor
+RATE_S = 0.6  # time over which the rate is measured
+PROBE_N = 0.4  # force of the test press
+SENSOR_TOLERANCE = 0.6  # relative error allowed for a sensor that is not calibrated yet
+SENSOR_MISTAKE = 0.35  # relative distance from the ratio of two units, against such a sensor
 Result = dict[str, Any]
 
 
 def preflight(bench: Bench, known_grams: float | None = None) -> Result:
-    """Every check that this bench allows; the tip is lifted after it.
+    """Run every check that this bench allows, then lift the tip.
 
     Raises
     ------
     InputError
-        Wrong unit, axes swapped or upside down; the text names what to change.
+        Wrong unit, axes swapped or inverted; the message names what to change.
     RefusedError
-        Too slow, restless, saturated, or off for no known reason.
+        The reference is too slow, unsteady or saturated, or wrong for an unknown reason.
     """
     facts = bench.reference.facts
     found: Result = {"rate": _rate(bench)}
@@ -59,7 +59,7 @@ def _rate(bench: Bench) -> Result:
 
 
 def _weigh(bench: Bench, grams: float) -> Result:
-    """A known weight, put there by a person."""
+    """Check the reference with a known weight placed by a person."""
     expected_n = 1e-3 * grams * GRAVITY_M_S2
     bench.person.confirm(f"put {grams:g} g on the middle of the pad")
     pressed = np.mean([r.wrench for r in bench.rest()], axis=0)
@@ -70,7 +70,7 @@ def _weigh(bench: Bench, grams: float) -> Result:
 
 
 def _probe(bench: Bench) -> tuple[Array, float]:
-    """A light press on the middle: change of the reference (6,), and how hard the sensor says it was, N."""
+    """A light press on the centre: change of the reference (6,), and the force that the sensor measures, N."""
     stage = bench.need_stage()
     with stage.safely():
         contact_m = stage.approach(0.0, 0.0)
@@ -87,7 +87,7 @@ def _probe(bench: Bench) -> tuple[Array, float]:
 
 
 def _compare(facts: Facts, measured_n: float, seen_n: float) -> Result:
-    """The reference against a sensor whose calibration may be off."""
+    """Compare the reference with a sensor whose calibration may be inaccurate."""
     if not seen_n > 0:
         return _open("the sensor does not measure this force yet: give --known-grams")
     unit = likely_mistake(measured_n, seen_n, facts.unit, SENSOR_MISTAKE)
@@ -113,14 +113,16 @@ def _open(text: str) -> Result:
 def check_unit(
     facts: Facts, measured_n: float, expected_n: float, tolerance: float = 0.1, mistake: float = MISTAKE_TOLERANCE
 ) -> None:
-    """A known weight or a known press must read what it is; `mistake`: how near a ratio of units tells one.
+    """A known weight or press must be measured correctly.
+
+    mistake : relative distance from the ratio of two units within which a wrong unit is reported.
 
     Raises
     ------
     InputError
-        It reads what it would in another unit; the text names that unit.
+        The reading fits another unit, which the message names.
     RefusedError
-        It is off by more than `tolerance` for another reason.
+        The reading is wrong by more than `tolerance` for another reason.
     """
     if abs(measured_n - expected_n) <= tolerance * expected_n:
         return
@@ -136,12 +138,12 @@ def check_unit(
 
 
 def check_axes(facts: Facts, change: Array) -> None:
-    """A straight press must be -z: force ON the pad, which pressing pushes in.
+    """A straight press must read as -z, the force ON the pad.
 
     Raises
     ------
     InputError
-        Another axis carries it, or z with the wrong sign; the text says which.
+        Another axis carries it, or z has the wrong sign; the message names the axis.
     """
     force = np.nan_to_num(change[:3])
     axis = int(abs(force).argmax())

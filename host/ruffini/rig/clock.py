@@ -1,6 +1,6 @@
-"""How far the clock of a reference is from the stream's: the shift at which both saw the same touches.
+"""Offset of a reference's clock from the stream's, at which both show the same touches.
 
-The stream's forces need not be in newtons yet: a gain and an offset are fitted along.
+The stream's forces need not be in newtons: a gain and an offset are fitted too.
 """
 
 from __future__ import annotations
@@ -39,26 +39,26 @@ class ClockFit(NamedTuple):
     correlation: float
 
     def to_reference(self, stream_s: Array) -> Array:
-        """Times of the stream as the reference's clock has them."""
+        """Times of the stream on the reference's clock."""
         return np.asarray(stream_s + self.offset_s + self.drift * (stream_s - self.middle_s))
 
 
 def fit_clock(
     stream_s: Array, stream_n: Array, reference_s: Array, reference_n: Array, *, max_offset_s: float = MAX_OFFSET_S
 ) -> ClockFit:
-    """Shift and drift between two records of one force, after whatever rough shift is known was taken off.
+    """Shift and drift between two records of one force; a known rough shift is to be removed before.
 
     Parameters
     ----------
     stream_s, stream_n : (n,)
         Times and force of the sensor, any gain.
     reference_s, reference_n : (m,)
-        Times and force of the reference; more often than the stream, or less.
+        Times and force of the reference, at any rate.
 
     Raises
     ------
     InputError
-        Too short, nothing happens in one of them, or they do not show the same.
+        A record is too short or shows no load, or the two do not correlate.
     """
     for name, t, f in (("stream", stream_s, stream_n), ("reference", reference_s, reference_n)):
         _check(name, t, f)
@@ -94,10 +94,10 @@ def fit_clock(
 
 
 def fit_curved(stream_s: Array, stream_signal: Array, reference_s: Array, reference_n: Array) -> ClockFit:
-    """`fit_clock` for a signal that follows the force along a curve, such as the way of markers; raises as that.
+    """As `fit_clock`, for a signal that is a nonlinear function of the force, such as the motion of markers.
 
-    A curve that is taken for a line draws the shift where pressing is slow and letting go is fast: so the curve is
-    fitted at the shift that was found, and the shift again.
+    A curve treated as a line would bias the shift if pressing is slow and releasing fast. The curve is therefore fitted
+    at the shift found first, and then the shift again.
     """
     fit = fit_clock(stream_s, stream_signal, reference_s, reference_n)
     for _ in range(CURVE_ROUNDS):
@@ -109,18 +109,18 @@ def fit_curved(stream_s: Array, stream_signal: Array, reference_s: Array, refere
 
 
 class _Smoothed(NamedTuple):
-    """A force on a fine even grid."""
+    """A force resampled on a fine uniform grid."""
 
     time_s: Array
     force_n: Array
 
     def at(self, when_s: Array) -> Array:
-        """Between the grid's lines, linearly."""
+        """Linear interpolation."""
         return np.interp(when_s, self.time_s, self.force_n)
 
 
 def _smoothed(time_s: Array, force_n: Array, width_s: float) -> _Smoothed:
-    """Low pass, the same for both: interpolation of raw samples is quieter between them, which would draw the shift."""
+    """The same low pass for both records: samples interpolated midway have less noise, which biases the shift."""
     grid = np.arange(time_s[0], time_s[-1], FINE_S)
     return _Smoothed(grid, gaussian_filter1d(np.interp(grid, time_s, force_n), width_s / FINE_S, mode="nearest"))
 

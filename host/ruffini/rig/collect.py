@@ -1,4 +1,4 @@
-"""Collecting: touch after touch, each looked at before the next, each kept at once."""
+"""Collection of touches: each is checked before the next and stored at once."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ Array = npt.NDArray[np.float64]
 Note = Callable[[Place], None]
 
 MAX_TRIES = 3
-CONTROL_EVERY = 5  # touches: then the middle of the pad is touched again, where it was touched first
+CONTROL_EVERY = 5  # touches between control touches, which repeat the first touch at the centre of the pad
 CHECKS = "checks.json"
 
 
 class Progress(NamedTuple):
-    """How far it is."""
+    """Progress of the collection."""
 
     n_done: int
     n_total: int
@@ -50,7 +50,7 @@ def collect(
     bench: Bench, plan: Sequence[Item], log: LogWriter, *, known_grams: float | None = None,
     tell: Tell = lambda _: None,
 ) -> int:  # fmt: skip
-    """Every touch of the plan that the log does not have yet; how many had to be done again.
+    """Perform every touch of the plan that the log lacks; returns the number of repeated touches.
 
     The reference is checked before the first of them; clocks and the place of the reference are estimated after the
     last.
@@ -58,12 +58,12 @@ def collect(
     Raises
     ------
     RefusedError
-        A check of the reference, a touch that is bad again and again, a force limit, a stop key; the tip is lifted,
-        what was collected is kept.
+        A check of the reference failed, a touch failed repeatedly, a force limit or the stop key was hit. The tip is
+        lifted and the collected touches are kept.
     NoDeviceError
-        Stage, sensor or reference went away; likewise.
+        Stage, sensor or reference was lost; likewise.
     InputError
-        The reference counts in another unit, or its axes are swapped.
+        The reference uses another unit, or its axes are swapped.
     """
     kept = log.touches()
     open_items = [(i, item) for i, item in enumerate(plan) if i not in kept]
@@ -80,7 +80,7 @@ def collect(
 
 
 def _recall(bench: Bench, kept: dict[int, TouchRecord]) -> None:
-    """Where the pad was touched by touches that are kept, and no others: the same pad must be there."""
+    """Set the known contact heights to those of the kept touches: the pad must still be there."""
     if bench.stage:
         bench.stage.surface = ContactSurface()
     for record in kept.values():
@@ -110,7 +110,7 @@ def _each(bench: Bench, open_items: list[tuple[int, Item]], n_total: int, log: L
 
 
 def _control(bench: Bench, log: LogWriter, numbers: list[int]) -> None:
-    """Is the pad still where it was before these touches? Else they are set aside, to be done again."""
+    """Check that the pad has not moved during these touches; otherwise they are rejected and repeated."""
     if bench.stage is None:
         return
     bench.reference.tare_change(TARE_S)
@@ -127,7 +127,7 @@ def _control(bench: Bench, log: LogWriter, numbers: list[int]) -> None:
 
 
 def finish(log: LogWriter, bench: Bench) -> None:
-    """Make the log, with what all of its touches tell."""
+    """Write the log, with the estimates from all of its touches."""
     facts, checks_file = bench.reference.facts, log.side_file(CHECKS)
     checks: dict[str, Any] = json.loads(checks_file.read_text()) if checks_file.exists() else {}
     reference = {
@@ -153,7 +153,7 @@ def _good_touch(bench: Bench, i: int, item: Item, again: Callable[[str], None]) 
 
 
 def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
-    """One touch, and what is wrong with it."""
+    """Perform one touch; returns its record and its faults."""
     start = host_clock.now()
     bench.stream.forget(start)
     drift = bench.tare_again()
@@ -176,7 +176,7 @@ def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
 
 
 def _by_stage(bench: Bench, touch: Touch, path: list[tuple[float, Place]]) -> dict[str, Any]:
-    """Press, hold, lift; when it did so."""
+    """Press, hold and lift with the stage; returns the times."""
     stage = bench.need_stage()
 
     def note(place: Place) -> None:
@@ -194,7 +194,7 @@ def _by_stage(bench: Bench, touch: Touch, path: list[tuple[float, Place]]) -> di
 
 
 def _by_indenter(bench: Bench, item: Indent, path: list[tuple[float, Place]]) -> dict[str, Any]:
-    """Put it on, press, lift; it is held from the contact on."""
+    """Mount an indenter, press and lift; the hold starts at the contact."""
     stage = bench.need_stage()
     stage.go_above(item.x_m, item.y_m)
     bench.put_on(item.tool)
@@ -204,7 +204,7 @@ def _by_indenter(bench: Bench, item: Indent, path: list[tuple[float, Place]]) ->
 
 
 def press(stage: GuardedStage, touch: Touch, note: Note) -> float:
-    """Approach, press and shear; `note` is told every place where it stands. Returns the height of the contact."""
+    """Approach, press and shear; calls `note` at every stop. Returns the height of the contact."""
     contact_m = stage.approach(touch.x_m, touch.y_m)
     note(Place(touch.x_m, touch.y_m, contact_m))
     for depth_m in stage.press(touch.x_m, touch.y_m, contact_m, touch.depth_m):
@@ -217,7 +217,7 @@ def press(stage: GuardedStage, touch: Touch, note: Note) -> float:
 
 
 class Rehearsal(NamedTuple):
-    """What a plan would do: lines to read, places (k, 3) to which the tip would go, seconds that it takes at least."""
+    """A dry run of a plan: its steps as text, positions (k, 3) of the tip, and the least duration in seconds."""
 
     lines: list[str]
     places: Array
@@ -225,7 +225,7 @@ class Rehearsal(NamedTuple):
 
 
 def rehearse(plan: Sequence[Item], limits: Limits | None) -> Rehearsal:
-    """Every move of a plan on a stage and a pad that are not there; no limits: no stage, what a person is told.
+    """Every move of a plan, without hardware; without limits there is no stage, and the instructions are returned.
 
     Raises
     ------

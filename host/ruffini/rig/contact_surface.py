@@ -1,4 +1,4 @@
-"""Where the pad was touched so far: where the next contact must be, and whether the machine still knows its height."""
+"""Predicts the height of the next contact from earlier ones, to detect lost steps of the machine."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ruffini.errors import RefusedError
 Array = npt.NDArray[np.float64]
 
 SAME_PLACE_M = 1e-6
-MIN_CONTACTS = 9  # for a surface of second order, which has six unknowns
-CURVED_M = 1e-4  # what a dome of 22 mm is off its second order, 8 mm from the top
+MIN_CONTACTS = 9  # for a quadratic surface, which has six unknowns
+CURVED_M = 1e-4  # deviation of a dome of 22 mm from a quadratic surface, 8 mm from its apex
 
 
 class PadMovedError(RefusedError):
-    """The pad is not where it was: the machine lost steps, or the pad moved."""
+    """The pad is not at its known height: the machine lost steps, or the pad moved."""
 
 
 class ContactSurface:
@@ -25,11 +25,11 @@ class ContactSurface:
         self._contacts: list[tuple[float, float, float]] = []
 
     def know(self, x_m: float, y_m: float, z_m: float) -> None:
-        """Here it was touched before."""
+        """Add a known contact."""
         self._contacts.append((x_m, y_m, z_m))
 
     def expected(self, x_m: float, y_m: float) -> float | None:
-        """Height of the contact at a place; None where the contacts so far do not tell."""
+        """Predicted height of the contact at a position; None if the known contacts do not determine it."""
         before = self._before(x_m, y_m)
         if before is not None:
             return before
@@ -49,12 +49,12 @@ class ContactSurface:
         return None
 
     def check(self, x_m: float, y_m: float, z_m: float, tolerance_m: float) -> None:
-        """Take a new contact in.
+        """Check a new contact and add it.
 
         Raises
         ------
         PadMovedError
-            It is not where the pad must be.
+            Its height differs from the prediction by more than the tolerance.
         """
         known_m = self.expected(x_m, y_m)
         is_same = self._before(x_m, y_m) is not None
@@ -71,5 +71,5 @@ def _terms(x: Array, y: Array) -> Array:
 
 
 def _is_within(x: Array, y: Array, x_m: float, y_m: float) -> bool:
-    """Is a place between the others, not beyond them?"""
+    """True if a position lies among the others, not outside."""
     return bool(x.min() <= x_m <= x.max() and y.min() <= y_m <= y.max())

@@ -1,4 +1,4 @@
-"""Wrenches that another program wrote to a CSV: a column of time, and columns named by axis and unit."""
+"""Reader of wrenches in a CSV of another program: a time column, and columns named by axis and unit."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 class WrenchLog(NamedTuple):
-    """Times (t,), s, of the log's own clock, rising, and wrenches (t, 6), N and N m; NaN where there is no column."""
+    """Increasing times (t,) s on the log's own clock and wrenches (t, 6), N and N m; NaN for absent columns."""
 
     time_s: Array
     wrench: Array
 
 
 class Table(NamedTuple):
-    """A CSV of numbers as read; cells of columns that nobody asked for may be anything."""
+    """A CSV as read; only the cells of requested columns must be numbers."""
 
     path: Path
     names: list[str]
     rows: list[list[str]]
 
     def column(self, name: str) -> Array:
-        """One column; raises InputError where a cell is no number."""
+        """One column; raises InputError if a cell is not a number."""
         return self.columns([self.names.index(name)])[:, 0]
 
     def columns(self, wanted: list[int]) -> Array:
@@ -48,7 +48,7 @@ class Table(NamedTuple):
 
 
 def read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Names and rows of a CSV, as many cells in each row as there are names; blank rows are passed over.
+    """Names and rows of a CSV, with one cell per name in each row; blank rows are skipped.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def read_table(path: Path, renamed: Mapping[str, str] | None = None) -> Table:
-    """Read a CSV; `renamed` gives our names of its columns.
+    """Read a CSV; `renamed` maps its column names to ours.
 
     Raises
     ------

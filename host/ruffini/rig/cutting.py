@@ -1,4 +1,4 @@
-"""Touches in a record that nobody cut: where the force begins and ends, and where it is near its largest."""
+"""Finds touches in a continuous record: start and end of the force, and the time near its maximum."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MARGIN_S = 0.5  # of rest that is kept before and after
 
 
 class Cut(NamedTuple):
-    """One touch, seconds: what is kept, and when it was held."""
+    """One touch, in seconds: the part that is kept, and the hold."""
 
     start_s: float
     touched_s: float
@@ -29,12 +29,12 @@ class Cut(NamedTuple):
 
 
 def tare_of(where: str, wrench: Array, sigma: float = CONTACT_N / 3) -> Array:
-    """What a reference reads with nothing on it, (6,), from a record's first rows.
+    """The unloaded reading of a reference, (6,), from the first rows of a record.
 
     Raises
     ------
     InputError
-        The record begins in a touch, or is shorter than that.
+        The record begins during a touch, or is too short.
     """
     first = np.nan_to_num(wrench[:N_REST])
     if len(first) < N_REST or first[:, :3].std(axis=0).max() > sigma:

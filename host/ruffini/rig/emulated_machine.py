@@ -1,4 +1,4 @@
-"""A G-code machine that is not there: it moves in real time, and can be disturbed as a real one is."""
+"""An emulated G-code machine that moves in real time and can be disturbed like a real one."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class EmulatedMachine:
         self.greet()
 
     def unplug(self) -> None:
-        """The cable is pulled."""
+        """Disconnect the cable."""
         self._stop.set()
         self._thread.join()
         for descriptor in (self._board, self._host):

@@ -1,4 +1,4 @@
-"""A person who is not there: does what the programs say, by their words, on a twin."""
+"""An emulated person who follows the programs' instructions on a twin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""References that are not there, in their real protocols: RDT over UDP, lines over serial, a CSV that grows."""
+"""Emulated references with their real protocols: RDT over UDP, lines over serial, a growing CSV."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ ERROR_BIT, SATURATED_BIT = 1 << 31, 1 << 17
 
 
 class Mount(NamedTuple):
-    """How a six-axis reference stands: turn from the pad's axes, degrees; the pad's centre in its frame; its load."""
+    """Mounting of a six-axis reference: rotation from the pad frame (degrees), pad centre in its frame, dead load."""
 
     turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     hanging: tuple[float, ...] = (0.0, 0.0, -0.3, 0.001, 0.0, 0.0)
 
     def reads(self, wrench: Array) -> Array:
-        """What it reads of a wrench ON the pad about its centre."""
+        """Its reading for a wrench ON the pad about the pad's centre."""
         turn = Rotation.from_euler("xyz", self.turn_deg, degrees=True)
         force = turn.apply(wrench[:3])
         return np.concatenate([force, turn.apply(wrench[3:]) + np.cross(self.arm_m, force)]) + self.hanging
@@ -81,7 +81,7 @@ class EmulatedNetworkCell:
         self._socket.close()
 
     def measure(self, frame: int, wrench: Array) -> None:
-        """This is the pad's wrench now. Any thread."""
+        """Set the wrench on the pad. Thread-safe."""
         if self._peer is not None and self.is_plugged and not self.delay_s:
             host_clock.has_spoken()
         self._told.put((host_clock.now() + self.delay_s, wrench.copy()))
@@ -163,13 +163,13 @@ class EmulatedTextCell:
         self.unplug()
 
     def unplug(self) -> None:
-        """The cable is pulled."""
+        """Disconnect the cable."""
         for descriptor in (self._board, self._host):
             with contextlib.suppress(OSError):
                 os.close(descriptor)
 
     def measure(self, frame: int, wrench: Array) -> None:
-        """This is the pad's wrench now."""
+        """Set the wrench on the pad."""
         pressed_n = -float(wrench[2]) + self._noise_n * self._rng.normal()
         with contextlib.suppress(OSError):  # nobody reads, or the cable was pulled
             os.write(self._board, f"{pressed_n * self._per_newton:.4f} {self._unit}\r\n".encode())
@@ -192,7 +192,7 @@ class EmulatedLogger:
         return self.offset_s + (host_s - self._begun_s) * (1 + self.drift)
 
     def measure(self, frame: int, wrench: Array) -> None:
-        """This is the pad's wrench now."""
+        """Set the wrench on the pad."""
         row = [self.time_of(host_clock.now()), *(wrench + NOISE * SIGMA * self._rng.normal(size=6))]
         with self._lock, self._path.open("a", newline="") as stream:
             csv.writer(stream).writerow([f"{v:.7f}" for v in row])

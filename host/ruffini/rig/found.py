@@ -1,6 +1,6 @@
-"""What a whole log tells beyond its touches: the clocks, and where the reference stands.
+"""Estimates from a whole log: the clock offsets and the mounting of the reference.
 
-Both are estimated when the log is finished, kept in its `found`, and used by whoever reads it.
+Both are estimated when the log is finished and stored in its `found`, which its readers use.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ REST_S = 0.15  # of a touch's first and last readings: nothing touches then
 
 
 def is_held(times: Array, facts: dict[str, Any], *, part: float = 1.0) -> npt.NDArray[np.bool_]:
-    """Which host times lie in the last `part` of a touch's hold."""
+    """Mask of the host times in the last `part` of a touch's hold."""
     start = facts["lifted_host_s"] - part * (facts["lifted_host_s"] - facts["held_host_s"])
     return np.asarray((times > start) & (times < facts["lifted_host_s"]))
 
 
 def is_settled(times: Array, facts: dict[str, Any]) -> npt.NDArray[np.bool_]:
-    """Which host times lie at the end of a touch's hold; where none does, as on a slow line, in the hold."""
+    """Mask of the host times at the end of a touch's hold; of the whole hold if there are none, as on a slow line."""
     late = is_held(times, facts, part=SETTLED_PART)
     return late if late.any() else is_held(times, facts)
 
 
 def estimate(touches: list[TouchRecord], reference: dict[str, Any]) -> dict[str, Any]:
-    """`clocks`, `frame` and, of a log that has them, `contacts`; where one cannot be told, `why_not` says why.
+    """`clocks`, `frame` and, if the log has them, `contacts`; `why_not` gives the reason for a missing estimate.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _clock(touches: list[TouchRecord]) -> dict[str, Any]:
 
 
 def _signals(touch: TouchRecord) -> Array | None:
-    """What of the stream follows a load, (t, k): its wrench, or the markers' motion."""
+    """Signals of the stream that follow the load, (t, k): its wrench, or the markers' motion."""
     a = touch.arrays
     measured = np.isfinite(a["stream_wrench"]).all(axis=0)
     if measured.any():
@@ -106,7 +106,7 @@ def _frame(touches: list[TouchRecord], sigma: Array) -> dict[str, Any]:
 
 
 def _contacts(touches: list[TouchRecord]) -> dict[str, Any]:
-    """Of a skin's contacts at the end of each hold: how far off the tip, and their force over the reference's."""
+    """A skin's contacts at the end of each hold: distance to the tip, and force relative to the reference."""
     rows = [row for t in touches if len(t.arrays["stage_place"]) and (row := _contact_at_tip(t)) is not None]
     if not rows:
         return {"why_not": "no contact was seen while a stage held the tip: is the sensor calibrated?"}
@@ -120,7 +120,7 @@ def _contacts(touches: list[TouchRecord]) -> dict[str, Any]:
 
 
 def _contact_at_tip(touch: TouchRecord) -> tuple[Array, float] | None:
-    """Offset (2,) m from the tip of the contact nearest to it, and its force over the reference's."""
+    """Offset (2,) m of the contact nearest to the tip, and its force relative to the reference."""
     a, f = touch.arrays, touch.facts
     held_s = a["stream_s"][is_settled(a["stream_host_s"], f)]
     if "contact_s" not in a or not np.isin(a["contact_s"], held_s).any():
@@ -134,7 +134,7 @@ def _contact_at_tip(touch: TouchRecord) -> tuple[Array, float] | None:
 
 
 def _settled(touch: TouchRecord) -> tuple[Array, Array, Array]:
-    """Reading of the reference, place of the tip and force as the sensor has it, at the end of the hold."""
+    """Reading of the reference, position of the tip and the sensor's force at the end of the hold."""
     a, f = touch.arrays, touch.facts
     reading = a["reference_wrench"][is_settled(a["reference_s"], f)].mean(axis=0)
     direction = a["stream_wrench"][is_settled(a["stream_host_s"], f), :3].mean(axis=0)
@@ -142,13 +142,13 @@ def _settled(touch: TouchRecord) -> tuple[Array, Array, Array]:
 
 
 def _rest(touch: TouchRecord) -> Array:
-    """Readings before the tip came down."""
+    """Readings before the touch."""
     t = touch.arrays["reference_s"]
     return np.asarray(touch.arrays["reference_wrench"][t < t[0] + REST_S])
 
 
 def reference_in_pad(log: Log, touch: TouchRecord) -> Array:
-    """The reference's wrench ON the pad about its centre, (m, 6): turned and moved as the log found, else as it is."""
+    """The reference's wrench ON the pad about its centre, (m, 6), in the mounting that the log estimated, if any."""
     frame, wrench = log.found.get("frame", {}), touch.arrays["reference_wrench"]
     if "rotation" not in frame:
         return np.asarray(wrench)
@@ -158,7 +158,7 @@ def reference_in_pad(log: Log, touch: TouchRecord) -> Array:
 
 
 def on_reference_clock(log: Log, touch: TouchRecord) -> Array:
-    """When each frame was taken, (n,), on the reference's clock; where no clock was found, when it arrived."""
+    """Capture times of the frames, (n,), on the reference's clock; their arrival times if the clocks are unknown."""
     session = str(touch.facts.get("session", ""))
     clock = next((c for c in log.found.get("clocks", []) if c["session"] == session and "offset_s" in c), None)
     stream_s = touch.arrays["stream_s"]

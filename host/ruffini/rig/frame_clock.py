@@ -1,8 +1,8 @@
-"""Simulated time: as fast as a twin's frames can be made and read, and no faster.
+"""Simulated time, driven by the twin's frames.
 
-Each frame that is made takes one period of the camera; the next is made when the host has read the one before, and what
-the reference said of it. So a bench sees the same on a fast computer, on a slow one, and on one that is busy. Where no
-frame is made, since no camera wants one or the camera stands still, time goes on at its real pace.
+Each frame advances time by one camera period; the next frame is made once the host has read the last one and the
+reference's readings for it. A bench therefore behaves the same on fast, slow and busy computers. While no frame is
+made, because no camera is open or the camera has stalled, time runs at its real pace.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from ruffini.bell import Bell
+from ruffini.wake_event import WakeEvent
 
 POLL_S = 0.05  # real, of those who sleep where no frame comes
 FIRST_S = 0.05  # real: so long a host is waited for that has not subscribed yet
@@ -20,18 +20,18 @@ GRACE_S = 5.0  # real: longer without a frame, and time goes on without; a busy 
 
 
 class FrameClock:
-    """A `host_clock.Clock` that a `TwinServer` drives. Of the camera's frames only each `step`-th is made.
+    """A `host_clock.Clock` driven by a `TwinServer`, which makes only each `step`-th of the camera's frames.
 
-    `real` is what patience and grace are counted by, seconds; `bell` wakes who waits.
+    `real` is the clock of patience and grace, seconds; `event` wakes the waiting threads.
     """
 
     def __init__(
         self, period_s: float, *, step: int = 1, patience_s: float = PATIENCE_S, grace_s: float = GRACE_S,
-        real: Callable[[], float] = time.monotonic, bell: Bell | None = None,
+        real: Callable[[], float] = time.monotonic, event: WakeEvent | None = None,
     ) -> None:  # fmt: skip
         self._period_s, self._step, self._patience_s, self._grace_s = period_s, step, patience_s, grace_s
         self._is_over, self._real = False, real
-        self._lock, self._changed = threading.Lock(), bell or Bell()
+        self._lock, self._changed = threading.Lock(), event or WakeEvent()
         self._frame, self._seen = 0, 0
         self._spoken_s, self._heard_s = -1.0, -1.0
         self._made_s = self._real()
@@ -52,7 +52,7 @@ class FrameClock:
     def has_seen(self, frame: int) -> None:
         with self._lock:
             self._seen = max(self._seen, frame)
-        self._changed.ring()
+        self._changed.set()
 
     def has_spoken(self) -> None:
         with self._lock:
@@ -61,7 +61,7 @@ class FrameClock:
     def has_heard(self, reading_s: float) -> None:
         with self._lock:
             self._heard_s = max(self._heard_s, reading_s)
-        self._changed.ring()
+        self._changed.set()
 
     def next_frame(self) -> int:
         """Waits until the host has read all of the frame before; time is that of the frame of this number from now."""
@@ -69,13 +69,13 @@ class FrameClock:
         with self._lock:
             self._frame = made = int(self._now() / self._period_s + 1e-6) + self._step
             self._made_s = self._real()
-        self._changed.ring()
+        self._changed.set()
         return made
 
     def stop(self) -> None:
         """Nobody reads any more: no frame waits from now on."""
         self._is_over = True
-        self._changed.ring()
+        self._changed.set()
 
     def _is_read(self) -> bool:
         with self._lock:

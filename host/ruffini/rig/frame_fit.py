@@ -1,11 +1,11 @@
-"""Where a reference stands: its turn against the pad, its distance from the pad's centre, and what hangs on it.
+"""The mounting of a reference: its rotation against the pad, its offset from the pad's centre, and its dead load.
 
 With F the force ON the pad and p the place of the contact, both in the pad's frame, a six-axis reference reads
 
     f = R F + f0,   t = (R p + a) x (R F) + t0
 
-R its turn, a the pad's centre in its frame, f0 and t0 what hangs on it. f0, t0 come from the samples at rest. a is
-found up to what no contact reveals: a shift along a force that always has one direction.
+with its rotation R, the pad's centre a in its frame, and its dead load f0, t0, which the samples at rest give. a is
+determined except for a shift along the force, if all forces have the same direction.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import time
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.gcode_line import GcodeLine
-from ruffini.rig.stage import Guard, Place, nobody
+from ruffini.rig.stage import Guard, Place, no_guard
 
 BAUD = 115200
 START_S, ANSWER_S, HOME_S, REPORT_S, HOLD_S = 3.0, 15.0, 120.0, 0.02, 2.0
@@ -61,7 +61,7 @@ class Grbl:
     def position(self) -> Place:
         return self._report()[1]
 
-    def move(self, place: Place, speed_m_s: float, guard: Guard = nobody) -> None:
+    def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
         if not self._is_homed:
             raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
         x, y, z = (1e3 * v for v in place)
@@ -126,7 +126,7 @@ class Grbl:
             self._check(line)
         raise NoDeviceError(f"{self.name} does not report its state for {ANSWER_S:g} s: is it plugged in?")
 
-    def _command(self, text: str, timeout_s: float, guard: Guard = nobody) -> None:
+    def _command(self, text: str, timeout_s: float, guard: Guard = no_guard) -> None:
         self._line.send(text.encode() + b"\n")
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:

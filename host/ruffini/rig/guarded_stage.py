@@ -1,4 +1,4 @@
-"""A stage over a pad: soft limits, guards on force, slow approach, and a safe way out of every failure."""
+"""A guarded stage above a pad: soft limits, force limits, slow approach, and a safe retreat after every failure."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NEAR_M = 3e-4  # above a contact that is known: from there on in small steps
 
 @dataclass(frozen=True)
 class Limits:
-    """Where the tip may go, from the pad's centre on its undeformed surface, and how hard it may press."""
+    """Limits of the tip's position, from the pad's centre on its undeformed surface, and of its force."""
 
     half_x_m: float
     half_y_m: float
@@ -39,7 +39,7 @@ class Limits:
     near_m: float = float("inf")  # above the surface: higher up nothing can be touched, one move leads there
 
     def check(self, place: Place) -> None:
-        """Raises RefusedError where the tip must not go."""
+        """Raises RefusedError if a position is outside the limits."""
         if abs(place.x_m) > self.half_x_m or abs(place.y_m) > self.half_y_m:
             raise RefusedError(f"{place} is beside the pad: within +-{1e3 * self.half_x_m:g} x "
                                f"+-{1e3 * self.half_y_m:g} mm only")  # fmt: skip
@@ -49,7 +49,7 @@ class Limits:
 
 
 def force_guard(name: str, force_of: ForceOf, max_force_n: float) -> Guard:
-    """A guard that raises RefusedError where a force is larger than it may be."""
+    """A guard that raises RefusedError if a force exceeds its limit."""
 
     def check() -> None:
         force_n = float(np.linalg.norm(np.nan_to_num(force_of()[:3])))
@@ -81,11 +81,11 @@ class GuardedStage:
         self.free_until_s = 0.0  # host_clock.now() until which nothing touched, in the last approach
 
     def place(self) -> Place:
-        """Where the tip is."""
+        """Position of the tip."""
         return self.stage.position().minus(self._origin)
 
     def lift(self) -> None:
-        """Straight up and out of the way, whatever the forces say."""
+        """Retract straight up, whatever the forces."""
         here = self.place()
         self.stage.move(Place(here.x_m, here.y_m, self.limits.top_m).plus(self._origin), APPROACH_M_S)
 
@@ -147,7 +147,7 @@ class GuardedStage:
 
     @contextlib.contextmanager
     def safely(self) -> Iterator[None]:
-        """Whatever goes wrong inside, Ctrl-C too, lifts the tip before it is told."""
+        """A context in which any exception, also Ctrl-C, lifts the tip before it is reported."""
         try:
             yield
         except BaseException as error:
@@ -183,7 +183,7 @@ class GuardedStage:
 
 
 class DryStage:
-    """Goes everywhere at once and keeps what it was told: what a dry run drives."""
+    """A stage for dry runs that reaches every position at once and records its moves."""
 
     name = "dry run"
 
@@ -215,7 +215,7 @@ class DryStage:
 
 
 def settle(force_of: ForceOf, tolerance_n: float, timeout_s: float, pause_s: float = 0.02) -> None:
-    """Wait until a force stands still; raises RefusedError where it does not."""
+    """Wait until a force is steady; raises RefusedError if it does not settle."""
     deadline, before = host_clock.now() + timeout_s, force_of()
     while host_clock.now() < deadline:
         host_clock.sleep(pause_s)

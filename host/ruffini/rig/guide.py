@@ -1,4 +1,4 @@
-"""What a collection is at, for whoever looks on: which touch, what is asked of the person."""
+"""The present state of a collection, for displays: the current touch and the instruction to the person."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 from ruffini.rig.program import Condition, HandTouch, Item, Weight
 
-TOLERANCE = 0.15  # of the force that a hand is asked for
-WEIGHT_TOLERANCE = 0.1  # a sensor that is yet to be calibrated shows a weight no better
-KEPT_FAULTS = 5  # touches that were set aside, of which the reason is shown
-MAX_DRIFT = 0.05  # of full scale, since it was tared: it is not the same reference any more
+TOLERANCE = 0.15  # of the requested force, by hand
+WEIGHT_TOLERANCE = 0.1  # accuracy of a weight shown by a sensor that is not calibrated yet
+KEPT_FAULTS = 5  # rejected touches whose reason is shown
+MAX_DRIFT = 0.05  # of full scale since the tare; beyond it the reference is not trusted
 
 
 @dataclass
 class Guide:
-    """Told by the thread that collects, read by any other: each attribute is replaced as a whole."""
+    """Written by the collecting thread, read by any other; each attribute is replaced atomically."""
 
     items: Sequence[Item] = ()
     done: frozenset[int] = frozenset()
@@ -28,24 +28,24 @@ class Guide:
     n_redone: int = 0
 
     def begin(self, items: Sequence[Item], done: Sequence[int]) -> None:
-        """A plan, and what of it is there already."""
+        """Start a plan, part of which may be done already."""
         self.items, self.done = tuple(items), frozenset(done)
 
     def touch(self, number: int) -> None:
-        """This one is next."""
+        """This touch is next."""
         by_hand = isinstance(self.items[number], HandTouch | Weight | Condition)
         self.number, self.hold = number, None
         self.said = "wait: nothing may touch the pad" if by_hand else "hands off: the machine presses"
 
     def good(self, number: int) -> None:
-        """It is kept."""
+        """This touch was accepted."""
         self.done, self.number, self.hold = self.done | {number}, None, None
 
     def bad(self, number: int, why: str) -> None:
-        """It is to be done again."""
+        """This touch must be repeated."""
         self.n_redone += 1
         self.set_aside = (*self.set_aside, f"{self.items[number].told()}: {why}")[-KEPT_FAULTS:]
 
     def doubt(self, numbers: Sequence[int]) -> None:
-        """They were kept, and are not any more."""
+        """These touches were accepted before and must be repeated."""
         self.done = self.done - frozenset(numbers)

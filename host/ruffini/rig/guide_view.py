@@ -1,4 +1,4 @@
-"""What a page shows of a collection and its bench: the guide, and how good the touch is right now."""
+"""The page's view of a collection and its bench: the guide, and the quality of the present touch."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from ruffini.rig.reference import Reading
 from ruffini.rig.stream_watch import StreamSample
 from ruffini.rig.units import GRAVITY_M_S2
 
-LOOK_BACK_S = 1.0  # is called live
-STILL_S, STILL_PART = 0.5, 0.1  # so long a held press is looked at, and by so much of its force it may move
-MIN_STILL = 3  # values, or it is not known
-GOOD_PART = 0.95  # of the frames, at least
+LOOK_BACK_S = 1.0  # time regarded as live
+STILL_S, STILL_PART = 0.5, 0.1  # a hold is steady if its force changes by less than this part within this time
+MIN_STILL = 3  # values needed to judge that
+GOOD_PART = 0.95  # least part of good frames
 FZ = 2
 T = TypeVar("T", StreamSample, Reading)
 Quality = dict[str, Any]  # name, ok (None: neither good nor bad), text

@@ -1,4 +1,4 @@
-"""Pressing by hand: says where and how hard, and knows when the force is right."""
+"""Pressing by hand: instructs where and how hard, and detects the right force."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ruffini import host_clock
 from ruffini.errors import RefusedError
-from ruffini.rig.stage import Guard, nobody
+from ruffini.rig.stage import Guard, no_guard
 
 Array = npt.NDArray[np.float64]
 Say = Callable[[str], None]
@@ -40,7 +40,7 @@ class HandPress:
         self._force_of, self._max_force_n, self._say, self._holds = force_of, max_force_n, say, holds
         self._said = ""
 
-    def press(self, target: Target, *, timeout_s: float = 60.0, guard: Guard = nobody) -> tuple[float, float]:
+    def press(self, target: Target, *, timeout_s: float = 60.0, guard: Guard = no_guard) -> tuple[float, float]:
         """Wait for the press; start and end (host_clock.now()) of the time in which the force was right.
 
         Raises
@@ -71,7 +71,7 @@ class HandPress:
         raise RefusedError(f"no steady press of {target.force_n:.2f} +- {target.tolerance_n:.2f} N at {place} within "
                            f"{timeout_s:g} s: press with something heavier, or allow more")  # fmt: skip
 
-    def release(self, free_n: float, *, timeout_s: float = 60.0, guard: Guard = nobody) -> None:
+    def release(self, free_n: float, *, timeout_s: float = 60.0, guard: Guard = no_guard) -> None:
         """Wait until nothing presses."""
         deadline = host_clock.now() + timeout_s
         while self._pressed_n() > free_n:

@@ -9,7 +9,7 @@ import time
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.gcode_line import GcodeLine
-from ruffini.rig.stage import Guard, Place, nobody
+from ruffini.rig.stage import Guard, Place, no_guard
 
 BAUD = 115200
 START_S, ANSWER_S, HOME_S, HALT_S = 5.0, 15.0, 120.0, 10.0  # a long move without "busy" answers late
@@ -53,7 +53,7 @@ class Marlin:
                 return Place(*(1e-3 * float(v) for v in match.groups()))
         raise NoDeviceError(f"{self.name} does not tell its position: is it Marlin?")
 
-    def move(self, place: Place, speed_m_s: float, guard: Guard = nobody) -> None:
+    def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
         if not self._is_homed:
             raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
         x, y, z = (1e3 * v for v in place)
@@ -86,7 +86,7 @@ class Marlin:
         for text in ("G91", f"G1 Z{1e3 * height_m:.4f} F{60e3 * speed_m_s:.1f}", "M400", "G90"):
             self._command(text, ANSWER_S)
 
-    def _command(self, text: str, timeout_s: float, guard: Guard = nobody) -> list[str]:
+    def _command(self, text: str, timeout_s: float, guard: Guard = no_guard) -> list[str]:
         """Send one line and wait for its ok; lines that came before it."""
         self._number += 1
         packet = _numbered(self._number, text)

@@ -1,4 +1,4 @@
-"""The person at the terminal, or at a page beside it."""
+"""The person at the terminal or at the page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STOP = b"q"
 
 
 class PageKeys:
-    """What a page presses, as a terminal has it: Enter goes on, anything else stops."""
+    """Key presses from a page, as at a terminal: Enter continues, any other key stops."""
 
     def __init__(self) -> None:
         self.descriptor, self._write = os.pipe()
@@ -41,7 +41,7 @@ class PageKeys:
 
 
 class TerminalPerson:
-    """Reads what it is told, and answers with Enter; any other key stops. A page may answer as well."""
+    """Shows instructions and waits for Enter; any other key stops. A page may answer too."""
 
     def __init__(self, say: Callable[[str], None], descriptor: int | None = None, page: PageKeys | None = None) -> None:
         self.say = say

@@ -13,7 +13,7 @@ RATE_HZ = 1 / PAUSE_S
 
 
 class PlacedWeight:
-    """Nothing, until `place(grams)` says that a weight stands there now; `place(0)` takes it away."""
+    """Reads zero until `place(grams)` puts a weight on the pad; `place(0)` removes it."""
 
     def __init__(self, sigma_grams: float, *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
         if not 0 < sigma_grams < MAX_GRAMS:

@@ -1,4 +1,4 @@
-"""Which touches are collected: a plan that is the same whenever it is made, so that it can be gone on with."""
+"""The plan of a collection: reproducible, so that an interrupted collection can be continued."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Touch(NamedTuple):
 
 
 class Tool(NamedTuple):
-    """What a person screws to the stage: a shape, half of its size, and its hardness."""
+    """An indenter: its shape, half its size, and its hardness."""
 
     shape: str
     radius_m: float

@@ -1,4 +1,4 @@
-"""What every reference offers: wrenches with host time, and what it is good for."""
+"""The interface of references: wrenches with host times, range and uncertainty."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True)
 class Facts:
-    """What a reference says of itself: range and standard uncertainty, (6,) N and N m, NaN where it has no axis."""
+    """Properties of a reference: range and standard uncertainty, (6,) N and N m, NaN for axes it lacks."""
 
     name: str
     full_scale: Array
@@ -44,13 +44,13 @@ class Facts:
 
 
 class Reference(Protocol):
-    """A reference that is connected. One thread reads."""
+    """A connected reference, read by one thread."""
 
     @property
     def facts(self) -> Facts: ...
 
     def read(self, timeout_s: float) -> list[Reading]:
-        """What came since the last call; waits for at least one.
+        """The readings since the last call; waits for at least one.
 
         Raises
         ------
@@ -61,7 +61,7 @@ class Reference(Protocol):
         """
 
     def close(self) -> None:
-        """Give the device back."""
+        """Close the device."""
 
 
 def pressing(value: float) -> Array:

@@ -1,4 +1,4 @@
-"""A bench made ready: sensor, reference and stage connected, homed, at rest, and guarded."""
+"""Prepares a bench: connects sensor, reference and stage, homes, learns rest and sets up the guards."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.program import Tool
 from ruffini.rig.reference import Reference
 from ruffini.rig.settings import RigSettings
-from ruffini.rig.stage import Guard, Place, Stage, nobody
+from ruffini.rig.stage import Guard, Place, Stage, no_guard
 from ruffini.rig.stream_watch import STALL_S, StreamWatch
 from ruffini.rig.touch import LONGEST_GAP_S
 from ruffini.rig.watch import Watch
@@ -84,15 +84,15 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
     """The sensor's stream, with what its pipeline makes and some pictures."""
     names = {1 << i: sensor.schema.enum_names("FlagBit", 1 << i) for i in range(32)}
     bits = {found[0]: bit for bit, found in names.items() if found and found[0] in BAD_FLAGS}
-    camera, stages = board.camera, board.pipeline.stages
+    camera = board.camera
     frame_hz = pace.frame_hz or camera.rate_mhz * 1e-3
     dense_every = max(1, round(camera.rate_mhz * 1e-3 / DENSE_HZ))
     image_every = math.ceil(frame_hz * camera.width_px * camera.height_px * 3 / pace.image_bytes_per_s)
-    has_markers = not {"markers", "targets"}.isdisjoint(stages)
-    has_contacts = not {"skin", "contact_model"}.isdisjoint(stages)
+    has_markers = board.writes("markers") or board.writes("targets")
+    has_contacts = board.writes("skin") or board.writes("contact_model")
     with StreamWatch(
-        sensor, field_every=dense_every * ("displacement" in stages),
-        marker_every=has_markers * (dense_every if "operator" in stages else 1),
+        sensor, field_every=dense_every * board.writes("displacement"),
+        marker_every=has_markers * (dense_every if board.writes("node_forces") else 1),
         image_every=image_every, contact_every=int(has_contacts), stall_s=pace.stall_s,
     ) as stream:  # fmt: skip
         stream.wait_for_rest(bits[NO_REFERENCE])
@@ -101,7 +101,7 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
 
 
 @contextlib.contextmanager
-def ready_bench(parts: Parts, board: Board, limits: Limits | None, key: Guard = nobody) -> Iterator[Bench]:
+def ready_bench(parts: Parts, board: Board, limits: Limits | None, key: Guard = no_guard) -> Iterator[Bench]:
     """The bench, homed and at rest; `key` raises when it is to stop."""
     with Watch(parts.reference) as watch, watched_stream(parts.sensor, board, parts.pace) as watched:
         sensor_guard = force_guard("the sensor", watched.stream.force, parts.max_force_n)

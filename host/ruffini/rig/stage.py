@@ -1,4 +1,4 @@
-"""What every stage offers: places, moves that somebody watches, and a halt."""
+"""The interface of motion stages: positions, guarded moves and a halt."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Place(NamedTuple):
         return f"x {1e3 * self.x_m:.2f}, y {1e3 * self.y_m:.2f}, z {1e3 * self.z_m:.2f} mm"
 
 
-def nobody() -> None:
-    """A guard that lets everything pass."""
+def no_guard() -> None:
+    """A guard that never stops a move."""
 
 
 class Stage(Protocol):
@@ -47,9 +47,9 @@ class Stage(Protocol):
         """Find its own zero by its switches."""
 
     def position(self) -> Place:
-        """Where it says that it is."""
+        """Its reported position."""
 
-    def move(self, place: Place, speed_m_s: float, guard: Guard = nobody) -> None:
+    def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
         """In a straight line; returns when it stands there. `guard` is called all the time: where it raises, it halts.
 
         Raises
@@ -67,4 +67,4 @@ class Stage(Protocol):
         """Straight up from wherever it is, homed or not: the way out when nothing else goes; raises as `move`."""
 
     def close(self) -> None:
-        """Give the device back."""
+        """Close the device."""

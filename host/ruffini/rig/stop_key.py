@@ -11,7 +11,7 @@ import tty
 from collections.abc import Iterator
 
 from ruffini.errors import RefusedError
-from ruffini.rig.stage import Guard, nobody
+from ruffini.rig.stage import Guard, no_guard
 
 
 def stdin() -> int | None:
@@ -27,7 +27,7 @@ def stop_key(descriptor: int | None = None) -> Iterator[Guard]:
     """A guard that raises RefusedError once a key was pressed; lets everything pass where there is no terminal."""
     terminal = stdin() if descriptor is None else descriptor
     if terminal is None or not os.isatty(terminal):
-        yield nobody
+        yield no_guard
         return
 
     def check() -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini import host_clock
-from ruffini.bell import Bell
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.reference import AXES, Facts, Reading, Reference
+from ruffini.wake_event import WakeEvent
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class Watch:
         self._readings: list[Reading] = []
         self._zero = np.zeros(6)
         self._error: RuffiniError | None = None
-        self._lock, self._changed, self._is_over = threading.Lock(), Bell(), False
+        self._lock, self._changed, self._is_over = threading.Lock(), WakeEvent(), False
         self._thread = threading.Thread(target=self._run, name="reference", daemon=True)
         self._thread.start()
 
@@ -55,11 +55,11 @@ class Watch:
                 new = self._reference.read(self.silence_s)
             except RuffiniError as error:
                 self._error = error
-                self._changed.ring()
+                self._changed.set()
                 return
             with self._lock:
                 self._readings += new
-            self._changed.ring()
+            self._changed.set()
             host_clock.has_heard(new[-1].host_s)
 
     def latest(self) -> Reading:

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
-from ruffini.device.results import VALID, Contact, ContactModel, Field, Learned, SkinTouch, ToolTouch, believed
+from ruffini.device.results import VALID, Contact, ContactModel, Field, Learned, SkinTouch, ToolTouch, valid_or_nan
 from ruffini.wire import Frame
 
 Array = npt.NDArray[np.float64]
@@ -119,10 +119,10 @@ def cloud_values(field: Field, nodes: Array) -> dict[str, Array]:
     """(n_y, n_x) values of the field by the name of its PointField; nodes (n_y, n_x, 2) metres at rest."""
     parts: dict[str, Array] = {"": np.concatenate([nodes, np.zeros((*nodes.shape[:2], 1))], axis=2), "f": field.force}
     if field.displacement is not None:
-        parts["u"] = believed(field.displacement, field.validity, field.flags)
+        parts["u"] = valid_or_nan(field.displacement, field.validity, field.flags)
         parts[""] = parts[""] + np.nan_to_num(parts["u"])  # where the nodes have moved to, as far as that is known
     if field.sigma is not None:
-        parts["s"] = believed(field.sigma, (field.sigma_validity,) * 3, field.flags)
+        parts["s"] = valid_or_nan(field.sigma, (field.sigma_validity,) * 3, field.flags)
     columns = {letter + axis: part[..., i] for letter, part in parts.items() for i, axis in enumerate("xyz")}
     if field.slip is not None:
         columns["slip"] = field.slip.astype(np.float64)
@@ -220,7 +220,7 @@ def _contact(c: Contact) -> Message:
         "ruffini_msgs/msg/Contact",
         {
             "id": c.id, "position": _vector((*c.center, 0.0), "geometry_msgs/msg/Point"), "force": _vector(c.force),
-            "area": c.area or NAN, "peak_depth": float(believed([c.peak_depth], (c.validity,), c.flags)[0]),
+            "area": c.area or NAN, "peak_depth": float(valid_or_nan([c.peak_depth], (c.validity,), c.flags)[0]),
             "slip_state": SLIP_STATES[c.slip_state], "shear_ratio": _or_nan(c.shear_ratio),
             "friction": _or_nan(c.friction), "friction_sigma": _or_nan(c.friction_sigma),
             "slip_share": _or_nan(c.slip_share), "slip_margin": _or_nan(c.slip_margin_n),

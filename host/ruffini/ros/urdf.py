@@ -13,7 +13,7 @@ def urdf(board: Board, name: str) -> str:
     NAME_base and NAME_pad are the same place, the centre of the undeformed pad's surface, z out of the pad. Boards with
     one camera behind a flat pad have NAME_camera_optical_frame, z forward, and the pad as a box.
     """
-    is_flat = board.skin is None and "fingertip" not in board.pipeline.stages
+    is_flat = board.skin is None and not board.writes("tool_touch")
     pad, camera = board.pad, board.camera
     shape = ""
     if is_flat:

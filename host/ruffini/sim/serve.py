@@ -9,10 +9,8 @@ the camera's: number 2 i with the lamps off, then 2 i + 1 with them on.
 from __future__ import annotations
 
 import socket
-import struct
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
@@ -21,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+from ruffini.frame_server import FrameServer
 from ruffini.sim.indenters import Indenter
 from ruffini.sim.optics.conditions import TrayPose
 from ruffini.sim.optics.renderer import Renderer
@@ -32,9 +31,6 @@ from ruffini.sim.unit import Progress
 
 Array = npt.NDArray[np.float64]
 
-VERSION = 1
-POLL_S = 0.1  # between two looks at whether to stop
-LOCKSTEP, PACED = b"L", b"P"
 MAX_SPEED_M_S = 0.02  # of a steered indenter
 
 
@@ -140,49 +136,18 @@ def steer_from(lines: Iterable[str], steered: Steered) -> None:
         steered.move_to(Pose(x, y, depth))
 
 
-class TwinServer:
+class TwinServer(FrameServer):
     """Serves one camera at a time, each from frame 0. `with` runs it in a thread."""
 
     def __init__(self, renderer: Renderer, frames: Frames, scenario: Scenario, path: Path) -> None:
-        self._board, self._renderer = renderer.board, renderer
-        self._frames, self._scenario, self._path = frames, scenario, path
+        super().__init__(renderer.board, path, magic=b"RFTC", rate_mhz=renderer.board.camera.rate_mhz)
+        self._renderer = renderer
+        self._frames, self._scenario = frames, scenario
         self._kept: dict[tuple[int, bool], bytes] = {}  # (frame, is it the unlit one)
         self._n_kept = 0  # frames; then they begin again
-        self._stop = threading.Event()
-        self._listener = _listen(path)
-        self._thread = threading.Thread(target=self.run, daemon=True)
         self.n_sent = 0
         self.after_sending: Callable[[int], None] = lambda _: None  # told the frame that the camera just got
         self.next_frame: Callable[[], int] | None = None  # in lockstep: the number of the next one, once it is wanted
-
-    def __enter__(self) -> TwinServer:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-        self._thread.join()
-
-    def close(self) -> None:
-        """Stop serving and remove the socket. Any thread."""
-        self._stop.set()
-
-    def run(self, *, once: bool = False) -> None:
-        """Serve until `close`, or until the first camera has gone."""
-        try:
-            while not self._stop.is_set():
-                try:
-                    camera, _ = self._listener.accept()
-                except TimeoutError:
-                    continue
-                with camera:
-                    camera.settimeout(POLL_S)
-                    self._serve(camera)
-                if once:
-                    return
-        finally:
-            self._listener.close()
-            self._path.unlink(missing_ok=True)
 
     def picture(self, frame: int) -> npt.NDArray[np.uint8] | None:
         """Frame `frame` as the frame path would get it; None = the end."""
@@ -208,77 +173,22 @@ class TwinServer:
             return self._kept[frame % self._n_kept, is_unlit]
         return self._scenario.picture(self._renderer, frame, *states, is_unlit=is_unlit).tobytes()
 
-    def _serve(self, camera: socket.socket) -> None:
-        settings = self._board.camera
-        name = self._board.name.encode()
-        sizes = settings.width_px, settings.height_px, settings.rate_mhz
-        try:
-            self._send(camera, struct.pack("<4s5I", b"RFTC", VERSION, *sizes, len(name)) + name)
-            mode = self._receive_mode(camera)
-            if mode:
-                self._stream(camera, is_paced=mode == PACED)
-        except (BrokenPipeError, ConnectionResetError):
-            return  # the camera went; the next one may come
-
-    def _receive_mode(self, camera: socket.socket) -> bytes:
-        while not self._stop.is_set():
-            try:
-                return camera.recv(1)
-            except TimeoutError:
-                continue
-        return b""
-
     def _stream(self, camera: socket.socket, *, is_paced: bool) -> None:
-        period_s = 1e3 / self._board.camera.rate_mhz
-        start, frame = time.monotonic(), 0
+        frame = 0
         while not self._stop.is_set():
             if is_paced:
-                late_s = time.monotonic() - start - frame * period_s
-                if late_s < 0:
-                    self._stop.wait(-late_s)
-                frame += max(0, int(late_s / period_s))
+                frame = self._wait_for(frame)
             elif self.next_frame is not None:
                 frame = self.next_frame()
             states = self._frames.states(frame % self._n_kept if self._n_kept else frame)
             if states is None:
-                self._send(camera, struct.pack("<4sIQ", b"RFTF", 0, frame))
+                self._send_frame(camera, frame, b"")
                 return
             if self._board.alternates and self._scenario.is_sent(frame, is_unlit=True):
-                dark = self._drawn(frame, states, is_unlit=True)
-                self._send(camera, struct.pack("<4sIQ", b"RFTF", len(dark), 2 * frame) + dark)
+                self._send_frame(camera, 2 * frame, self._drawn(frame, states, is_unlit=True))
             if self._scenario.is_sent(frame):
                 data = self._drawn(frame, states)
-                number = 2 * frame + 1 if self._board.alternates else frame
-                self._send(camera, struct.pack("<4sIQ", b"RFTF", len(data), number) + data)
+                self._send_frame(camera, 2 * frame + 1 if self._board.alternates else frame, data)
                 self.n_sent += 1
                 self.after_sending(frame)
             frame += 1
-
-    def _send(self, camera: socket.socket, data: bytes) -> None:
-        """All of it, however slowly the camera reads, unless the twin is to stop."""
-        view = memoryview(data)
-        while view and not self._stop.is_set():
-            try:
-                view = view[camera.send(view) :]
-            except TimeoutError:
-                continue
-
-
-def _listen(path: Path) -> socket.socket:
-    if path.is_socket():
-        with socket.socket(socket.AF_UNIX) as probe:
-            try:
-                probe.connect(str(path))
-            except OSError:
-                path.unlink(missing_ok=True)  # left over by a twin that died
-            else:
-                raise InputError(f"{path}: another twin serves there: stop it, or choose another --socket")
-    listener = socket.socket(socket.AF_UNIX)
-    try:
-        listener.bind(str(path))
-    except OSError as error:
-        listener.close()
-        raise InputError(f"{path}: cannot serve there ({error}): choose another --socket") from error
-    listener.listen(1)
-    listener.settimeout(POLL_S)
-    return listener

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
-from ruffini.device.results import VALID, Contacts, Field, Learned, Markers, believed
+from ruffini.device.results import VALID, Contacts, Field, Learned, Markers, valid_or_nan
 from ruffini.device.system_clock import SystemClock
 from ruffini.record.columns import contact_columns
 
@@ -157,7 +157,7 @@ class RerunSink:
         n_y, n_x = nodes.shape[:2]
         places = np.concatenate([nodes, np.zeros((n_y, n_x, 1))], axis=2)
         if field.displacement is not None:
-            moved = believed(field.displacement, field.validity, field.flags)
+            moved = valid_or_nan(field.displacement, field.validity, field.flags)
             places = places + np.nan_to_num(moved)  # an axis that is not valid is drawn at rest, without an arrow
         depth = np.clip(-places[..., 2] / FULL_DEPTH_M, 0, 1)
         grey = np.round(230 - 150 * depth).astype(np.uint8).ravel()
@@ -169,7 +169,7 @@ class RerunSink:
         arrows = rr.Arrows3D(vectors=self._arrow_m_per_n * force[shown], origins=places.reshape(-1, 3)[shown],
                              colors=[AXIS_COLOURS[0]] * int(shown.sum()))  # fmt: skip
         self._stream.log(f"{pad}/force", arrows)
-        sigma = None if field.sigma is None else believed(field.sigma, (field.sigma_validity,) * 3, field.flags)
+        sigma = None if field.sigma is None else valid_or_nan(field.sigma, (field.sigma_validity,) * 3, field.flags)
         for name, values in (("node_sigma_n", sigma), ("node_slip", field.slip)):
             if values is not None:
                 self._stream.log(f"{pad}/{name}", rr.Tensor(values, dim_names=NODE_AXES[: values.ndim]))

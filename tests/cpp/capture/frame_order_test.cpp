@@ -16,9 +16,9 @@ struct Line {
   uint64_t number = 0;
   uint64_t capture_us = 0;
 
-  FrameOrder::Verdict give(uint64_t n) { return give(n, (n + 100) * kPeriodUs); }
-  FrameOrder::Verdict give(uint64_t n, uint64_t at_us) { return give(n, at_us, (n + 100) * kPeriodUs + 5'000); }
-  FrameOrder::Verdict give(uint64_t n, uint64_t at_us, uint64_t now) {
+  FrameOrder::Outcome give(uint64_t n) { return give(n, (n + 100) * kPeriodUs); }
+  FrameOrder::Outcome give(uint64_t n, uint64_t at_us) { return give(n, at_us, (n + 100) * kPeriodUs + 5'000); }
+  FrameOrder::Outcome give(uint64_t n, uint64_t at_us, uint64_t now) {
     number = n;
     capture_us = at_us;
     now_us = now;
@@ -88,14 +88,13 @@ TEST(FrameOrder, OldFramesAreNotUsedUnlessTheyGoOnBeingOld) {
   Line line;
   (void)line.give(1);
   const uint64_t now = line.now_us + 10'000'000;
-  for (uint64_t n = 2; n < 2 + FrameOrder::kMostOld; ++n)
-    EXPECT_FALSE(line.give(n, (n + 100) * kPeriodUs, now).is_used);
+  for (uint64_t n = 2; n < 2 + FrameOrder::kMaxOld; ++n) EXPECT_FALSE(line.give(n, (n + 100) * kPeriodUs, now).is_used);
   Line lagging = line;
   const auto fresh = line.give(1'001, now, now);
   EXPECT_TRUE(fresh.is_used);
   EXPECT_EQ(fresh.n_missed, 999U);
   EXPECT_FALSE(fresh.is_time_wrong);
-  const auto said = lagging.give(2 + FrameOrder::kMostOld, 1'500'000, now);
+  const auto said = lagging.give(2 + FrameOrder::kMaxOld, 1'500'000, now);
   EXPECT_TRUE(said.is_used);
   EXPECT_TRUE(said.is_time_wrong);
   EXPECT_EQ(lagging.capture_us, now);

@@ -61,7 +61,7 @@ TEST(Refusal, NamesTheStagesThatWriteWhatIsMissing) {
   EXPECT_EQ(refuse_stages(Stages{"difference", "markers", "displacement", "operator"}), "");
   EXPECT_EQ(refuse_stages(Stages{"difference", "markers", "operator"}), "stage operator needs the stage displacement");
   EXPECT_EQ(refuse_stages(Stages{"markers"}), "stage markers needs the stage difference");
-  EXPECT_EQ(refuse_stages(Stages{"feature_wrench"}), "stage feature_wrench needs the stage markers or targets");
+  EXPECT_EQ(refuse_stages(Stages{"feature_wrench"}), "stage feature_wrench needs the stage markers, targets or picture_features");
 }
 
 TEST(Refusal, NamesTwoWritersOfASlot) {

@@ -37,7 +37,7 @@ TEST(Wrench, MovedNodesHaveMovedArms) {
   const Wrench still = sum_wrench(pad.grid, pad.force, 10);
   Wrench w = still;
   SaturationCounter saturations;
-  move_arms(pad.force, u, 10, w, saturations);
+  add_displacement_moment(pad.force, u, 10, w, saturations);
   EXPECT_EQ(w.torque_x_un_um - still.torque_x_un_um, 300'000 - 800'000);     // uy fz - uz fy
   EXPECT_EQ(w.torque_y_un_um - still.torque_y_un_um, -400'000 + 1'500'000);  // uz fx - ux fz
   EXPECT_EQ(w.torque_z_un_um - still.torque_z_un_um, -1'000'000 + 100'000);  // ux fy - uy fx

@@ -66,9 +66,9 @@ TEST_F(Computer, TheServiceManagerHearsWhatIsSaid) {
     Manager manager(address);
     const NotifySocket socket(address, 2'000'000);
     EXPECT_EQ(socket.watchdog_us(), 2'000'000U);
-    socket.say("READY=1");
+    socket.send("READY=1");
     EXPECT_EQ(manager.heard(), "READY=1");
-    for (int i = 0; i < 10'000; ++i) socket.say("WATCHDOG=1");  // nobody takes them: no call blocks
+    for (int i = 0; i < 10'000; ++i) socket.send("WATCHDOG=1");  // nobody takes them: no call blocks
     EXPECT_EQ(manager.heard(), "WATCHDOG=1");
   }
 }
@@ -76,7 +76,7 @@ TEST_F(Computer, TheServiceManagerHearsWhatIsSaid) {
 TEST_F(Computer, WithoutAManagerThereIsNoWatchdog) {
   const NotifySocket none("", 2'000'000);
   EXPECT_EQ(none.watchdog_us(), 0U);
-  none.say("READY=1");
+  none.send("READY=1");
   EXPECT_EQ(NotifySocket(folder_ + "/nobody", 2'000'000).watchdog_us(), 0U);
   EXPECT_EQ(NotifySocket(std::string(200, 'a'), 2'000'000).watchdog_us(), 0U);
 }

@@ -78,7 +78,7 @@ TEST_F(LedDriverTest, EveryByteOfAStartIsAsInTheDataSheet) {
   };
   EXPECT_EQ(chip_.writes, expected);
   EXPECT_TRUE(slept_.empty());
-  EXPECT_EQ(driver.value()->look({}), "");
+  EXPECT_EQ(driver.value()->check({}), "");
 }
 
 TEST_F(LedDriverTest, TheRampRisesToTheCurrentsInItsTime) {
@@ -161,8 +161,8 @@ TEST_F(LedDriverTest, SilenceIsSaidAndOver) {
   auto driver = open();
   ASSERT_TRUE(driver);
   chip_.errors = {ENXIO, ENXIO, ENXIO};
-  EXPECT_NE(driver.value()->look({}).find("nobody answers"), std::string::npos);
-  EXPECT_EQ(driver.value()->look({}), "");
+  EXPECT_NE(driver.value()->check({}).find("nobody answers"), std::string::npos);
+  EXPECT_EQ(driver.value()->check({}), "");
 }
 
 TEST_F(LedDriverTest, AChipThatLostItsSupplyIsTold) {
@@ -170,21 +170,21 @@ TEST_F(LedDriverTest, AChipThatLostItsSupplyIsTold) {
   ASSERT_TRUE(driver);
   const auto lit = chip_.registers;
   chip_.registers[0x18] = 0;
-  EXPECT_NE(driver.value()->look({}).find("forgot its currents"), std::string::npos);
+  EXPECT_NE(driver.value()->check({}).find("forgot its currents"), std::string::npos);
   chip_.registers = lit;
-  EXPECT_EQ(driver.value()->look({}), "");
+  EXPECT_EQ(driver.value()->check({}), "");
   chip_.registers[0x03] = 0;  // output 5 dark, of its current nothing is lost
-  EXPECT_NE(driver.value()->look({}).find("forgot its currents"), std::string::npos);
+  EXPECT_NE(driver.value()->check({}).find("forgot its currents"), std::string::npos);
 }
 
 TEST_F(LedDriverTest, AHotChipIsPutOutAndStaysOut) {
   auto driver = open();
   ASSERT_TRUE(driver);
   chip_.registers[1] = 0x80;
-  EXPECT_NE(driver.value()->look({}).find("put out: their driver is too hot"), std::string::npos);
+  EXPECT_NE(driver.value()->check({}).find("put out: their driver is too hot"), std::string::npos);
   EXPECT_EQ(chip_.writes.back(), (Bytes{0x82, 0, 0, 0, 0}));
   chip_.registers[1] = 0;
-  EXPECT_NE(driver.value()->look({}).find("start ruffinid again"), std::string::npos);
+  EXPECT_NE(driver.value()->check({}).find("start ruffinid again"), std::string::npos);
   EXPECT_EQ(chip_.registers[0x02], 0);
 }
 
@@ -192,10 +192,10 @@ TEST_F(LedDriverTest, AWarmGelPutsThemOutBeyondItsLimit) {
   settings_.max_milli_celsius = 60'000;
   auto driver = open();
   ASSERT_TRUE(driver);
-  EXPECT_EQ(driver.value()->look(60'000), "");
-  EXPECT_NE(driver.value()->look({}).find("the thermometer of [temperature] says nothing"), std::string::npos);
+  EXPECT_EQ(driver.value()->check(60'000), "");
+  EXPECT_NE(driver.value()->check({}).find("the thermometer of [temperature] says nothing"), std::string::npos);
   EXPECT_EQ(chip_.registers[0x02], 0x51) << "lit, as long as it is not known to be too warm";
-  EXPECT_NE(driver.value()->look(60'001).find("60001 thousandths of a degree"), std::string::npos);
+  EXPECT_NE(driver.value()->check(60'001).find("60001 thousandths of a degree"), std::string::npos);
   EXPECT_EQ(chip_.registers[0x02], 0);
 }
 
@@ -205,10 +205,10 @@ TEST_F(LedDriverTest, OpenAndShortedLampsAreNamedButNotUnusedOutputs) {
   chip_.registers[1] = 0x40;
   chip_.registers[0x46] = 0x88;  // outputs 1 and 3 open: 1 has no lamp
   chip_.registers[0x47] = 0x04;  // output 5 shorted
-  EXPECT_EQ(driver.value()->look({}), "lamps at the driver's outputs: 3 open, 5 shorted");
+  EXPECT_EQ(driver.value()->check({}), "lamps at the driver's outputs: 3 open, 5 shorted");
   EXPECT_EQ(chip_.writes.back(), (Bytes{0x81, 0x10})) << "looked for anew";
   chip_.registers[1] = 0;
-  EXPECT_EQ(driver.value()->look({}), "");
+  EXPECT_EQ(driver.value()->check({}), "");
 }
 
 }  // namespace

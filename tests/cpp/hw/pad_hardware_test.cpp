@@ -49,7 +49,7 @@ TEST_F(PadHardwareTest, EachGelHasItsOwnFolder) {
   ASSERT_TRUE(pad) << pad.error().message;
   EXPECT_EQ(pad.value().board_serial(), "B-1");
   EXPECT_EQ(pad.value().store_folder("/var/lib/ruffini"), "/var/lib/ruffini/gel-G-1");
-  EXPECT_EQ(pad.value().lost(), "");
+  EXPECT_EQ(pad.value().gel_fault(), "");
 }
 
 TEST_F(PadHardwareTest, WithoutEepromsNothingIsAsked) {
@@ -58,7 +58,7 @@ TEST_F(PadHardwareTest, WithoutEepromsNothingIsAsked) {
   ASSERT_TRUE(pad);
   EXPECT_EQ(pad.value().store_folder("/s"), "/s");
   EXPECT_EQ(pad.value().board_serial(), "");
-  EXPECT_EQ(pad.value().lost(), "");
+  EXPECT_EQ(pad.value().gel_fault(), "");
 }
 
 TEST_F(PadHardwareTest, LampsThatCannotBeHadAreSaidAndLeftOut) {
@@ -66,12 +66,12 @@ TEST_F(PadHardwareTest, LampsThatCannotBeHadAreSaidAndLeftOut) {
   board_.light = {"gpiochip-none", "LAMPS"};
   const auto none = PadHardware::open(board_);
   ASSERT_TRUE(none);
-  EXPECT_NE(none.value().dark().find("/dev/gpiochip-none"), std::string::npos) << none.value().dark();
-  EXPECT_NE(none.value().dark().find("gpiodetect"), std::string::npos);
+  EXPECT_NE(none.value().lamp_error().find("/dev/gpiochip-none"), std::string::npos) << none.value().lamp_error();
+  EXPECT_NE(none.value().lamp_error().find("gpiodetect"), std::string::npos);
   board_.light.chip = "/dev/null";
   const auto other = PadHardware::open(board_);
   ASSERT_TRUE(other);
-  EXPECT_NE(other.value().dark().find("is no GPIO chip"), std::string::npos) << other.value().dark();
+  EXPECT_NE(other.value().lamp_error().find("is no GPIO chip"), std::string::npos) << other.value().lamp_error();
 }
 
 TEST_F(PadHardwareTest, ADriverThatCannotBeHadIsSaidBesideTheLineAndStaysAFault) {
@@ -80,9 +80,10 @@ TEST_F(PadHardwareTest, ADriverThatCannotBeHadIsSaidBesideTheLineAndStaysAFault)
   board_.led_driver = {"/dev/i2c-none", 0x15, 1'000, {1'000}, 0, INT32_MAX};
   auto pad = PadHardware::open(board_);
   ASSERT_TRUE(pad);
-  EXPECT_NE(pad.value().dark().find("/dev/gpiochip-none"), std::string::npos) << pad.value().dark();
-  EXPECT_NE(pad.value().dark().find("; /dev/i2c-none: cannot be opened"), std::string::npos) << pad.value().dark();
-  EXPECT_EQ(pad.value().lamp_fault({}), pad.value().dark());
+  EXPECT_NE(pad.value().lamp_error().find("/dev/gpiochip-none"), std::string::npos) << pad.value().lamp_error();
+  EXPECT_NE(pad.value().lamp_error().find("; /dev/i2c-none: cannot be opened"), std::string::npos)
+      << pad.value().lamp_error();
+  EXPECT_EQ(pad.value().lamp_fault({}), pad.value().lamp_error());
   EXPECT_EQ(pad.value().lamps(), nullptr);
   const std::string off = PadHardware::lights_off(board_);
   EXPECT_NE(off.find("/dev/i2c-none"), std::string::npos) << off;
@@ -101,7 +102,7 @@ TEST_F(PadHardwareTest, AnotherGelIsToldAtOnce) {
   auto pad = open();
   ASSERT_TRUE(pad);
   bus_->memories[kGelAt] = memory(IdentityKind::kGel, "G-2", "blue");
-  EXPECT_NE(pad.value().lost().find("G-1 was taken for G-2"), std::string::npos);
+  EXPECT_NE(pad.value().gel_fault().find("G-1 was taken for G-2"), std::string::npos);
 }
 
 TEST_F(PadHardwareTest, ASecondOfSilenceIsBorneTwoAreNot) {
@@ -109,12 +110,12 @@ TEST_F(PadHardwareTest, ASecondOfSilenceIsBorneTwoAreNot) {
   ASSERT_TRUE(pad);
   const std::vector<uint8_t> gel = bus_->memories[kGelAt];
   bus_->memories.erase(kGelAt);
-  EXPECT_EQ(pad.value().lost(), "");
+  EXPECT_EQ(pad.value().gel_fault(), "");
   bus_->memories[kGelAt] = gel;
-  EXPECT_EQ(pad.value().lost(), "");
+  EXPECT_EQ(pad.value().gel_fault(), "");
   bus_->memories.erase(kGelAt);
-  EXPECT_EQ(pad.value().lost(), "");
-  EXPECT_NE(pad.value().lost().find("gel G-1 is gone"), std::string::npos);
+  EXPECT_EQ(pad.value().gel_fault(), "");
+  EXPECT_NE(pad.value().gel_fault().find("gel G-1 is gone"), std::string::npos);
 }
 
 TEST_F(PadHardwareTest, AnotherBoardIsRefused) {

@@ -16,12 +16,12 @@ constexpr uint64_t kFirstUs = 1'000'000;
 TEST(StrobePlan, NothingIsSwitchedBeforeTheFirstFrame) {
   const StrobePlan plan(kPeriodUs, kExposureUs);
   EXPECT_EQ(plan.next_us(kFirstUs), std::nullopt);
-  EXPECT_EQ(plan.during(kFirstUs), std::nullopt);
+  EXPECT_EQ(plan.lamps_during(kFirstUs), std::nullopt);
 }
 
 TEST(StrobePlan, SwitchesAGuardBeforeTheNextExposure) {
   StrobePlan plan(kPeriodUs, kExposureUs);
-  plan.saw(kFirstUs);
+  plan.record_frame(kFirstUs);
   // The next exposure begins at 1'006'000.
   EXPECT_EQ(plan.next_us(kFirstUs + 3'000), 1'005'500U);
   EXPECT_EQ(plan.next_us(1'005'500), 1'013'500U);
@@ -48,9 +48,9 @@ TEST(StrobePlan, EveryFrameIsKnownAndTheyAlternate) {
       done_us = *next + kPeriodUs / 4;
     }
     const uint64_t middle_us = kFirstUs + k * kPeriodUs + up_to(100);
-    plan.saw(middle_us);
+    plan.record_frame(middle_us);
     if (done_us == 0) done_us = arrival_us;
-    if (k >= 4) said.push_back(plan.during(middle_us));
+    if (k >= 4) said.push_back(plan.lamps_during(middle_us));
   }
   for (size_t i = 0; i < said.size(); ++i) {
     ASSERT_TRUE(said[i].has_value()) << i;
@@ -63,17 +63,17 @@ TEST(StrobePlan, EveryFrameIsKnownAndTheyAlternate) {
 TEST(StrobePlan, ASwitchWithinTheExposureOrTheReadOutMakesTheFrameUnknown) {
   StrobePlan plan(kPeriodUs, kExposureUs);
   plan.switched(kFirstUs - 2'000, false);  // the moment at which the exposure begins: in time
-  EXPECT_EQ(plan.during(kFirstUs), false);
+  EXPECT_EQ(plan.lamps_during(kFirstUs), false);
   plan.switched(kFirstUs + 5'000, true);  // the last moment at which rows are read
-  EXPECT_EQ(plan.during(kFirstUs), std::nullopt);
+  EXPECT_EQ(plan.lamps_during(kFirstUs), std::nullopt);
   StrobePlan late(kPeriodUs, kExposureUs);
   late.switched(kFirstUs - 2'001, true);
   late.switched(kFirstUs + 5'001, false);
-  EXPECT_EQ(late.during(kFirstUs), true);
+  EXPECT_EQ(late.lamps_during(kFirstUs), true);
   late.switched(kFirstUs + 20'000, true);
-  EXPECT_EQ(late.during(kFirstUs), true) << "long after, still known";
+  EXPECT_EQ(late.lamps_during(kFirstUs), true) << "long after, still known";
   for (uint64_t i = 0; i < 16; ++i) late.switched(kFirstUs + 30'000 + i, i % 2 == 0);
-  EXPECT_EQ(late.during(kFirstUs), std::nullopt) << "too long ago";
+  EXPECT_EQ(late.lamps_during(kFirstUs), std::nullopt) << "too long ago";
 }
 
 class CountedLine final : public OutputLine {
@@ -97,7 +97,7 @@ TEST(Strobe, SwitchesOnceItIsToldOfAFrame) {
     EXPECT_EQ(line.n, 0);
     const auto now = std::chrono::steady_clock::now().time_since_epoch();
     const auto now_us = static_cast<uint64_t>(std::chrono::duration_cast<std::chrono::microseconds>(now).count());
-    EXPECT_EQ(strobe.saw(now_us), std::nullopt);
+    EXPECT_EQ(strobe.record_frame(now_us), std::nullopt);
     while (line.n < 20) std::this_thread::yield();
   }
   const int n = line.n;

@@ -19,7 +19,7 @@ std::string in_a_thread(const std::string& role, const ThreadSettings& wanted, s
   std::string said;
   std::thread([&] {
     said = place_thread(role, wanted);
-    if (placed != nullptr) *placed = thread_placed();
+    if (placed != nullptr) *placed = thread_placement();
     cpu_set_t set;
     CPU_ZERO(&set);
     ASSERT_EQ(::sched_getaffinity(0, sizeof set, &set), 0);
@@ -43,20 +43,20 @@ size_t last_cpu() {
 TEST(ThreadPlace, WhatIsNotAskedStaysAsItIs) {
   std::string placed;
   EXPECT_EQ(in_a_thread("frame", {}, &placed), "");
-  EXPECT_EQ(placed, thread_placed());
+  EXPECT_EQ(placed, thread_placement());
 }
 
 TEST(ThreadPlace, TheThreadIsBoundToItsCpuAndNoOtherIs) {
   const size_t cpu = last_cpu();
-  const std::string before = thread_placed();
+  const std::string before = thread_placement();
   size_t found = 64;
   EXPECT_EQ(in_a_thread("capture", {0, uint64_t{1} << cpu}, nullptr, &found), "");
   EXPECT_EQ(found, cpu);
-  EXPECT_EQ(thread_placed(), before);
+  EXPECT_EQ(thread_placement(), before);
 }
 
 TEST(ThreadPlace, ACpuThatIsNotThereIsSaidWithTheKey) {
-  const std::string before = thread_placed();
+  const std::string before = thread_placement();
   std::string placed;
   const std::string alone = in_a_thread("link", {0, uint64_t{1} << 63}, &placed);
   EXPECT_NE(alone.find("thread link: CPU 63: this computer gives it"), std::string::npos) << alone;
@@ -96,7 +96,7 @@ std::string without_rights(rlim_t limit, Body body) {
 TEST(ThreadPlace, WithoutTheRightItGoesOnAndNamesTheRemedy) {
   const std::string said = without_rights(0, [] {
     const std::string problem = place_thread("frame", {45, 0});
-    return problem + " | " + thread_placed();
+    return problem + " | " + thread_placement();
   });
   EXPECT_NE(
       said.find("thread frame: real-time priority 45 cannot be had (Operation not permitted): set LimitRTPRIO=45"),
@@ -115,7 +115,7 @@ TEST(ThreadPlace, AThreadThatIsRealTimeAlreadyMayBeGivenLess) {
   if (::sched_setscheduler(0, SCHED_FIFO, &forty) != 0) GTEST_SKIP() << "not allowed here";
   const std::string said = without_rights(0, [] {
     const std::string less = place_thread("link", {20, 0});
-    const std::string after = thread_placed();
+    const std::string after = thread_placement();
     return less + "|" + after + "|" + place_thread("link", {41, 0});
   });
   ASSERT_EQ(::sched_setscheduler(0, policy, &before), 0);

@@ -67,11 +67,11 @@ TEST(BlockEdges, ACameraThatCompressesIsComparedWithItself) {
 TEST(BlockEdges, APictureTooSmallIsNotJudged) {
   const Pixels smooth = picture(1, 0);
   const Pixels coded = picture(2, 9);
-  for (const int width : {BlockEdges::kLeastColumns - 1, BlockEdges::kLeastColumns}) {
+  for (const int width : {BlockEdges::kMinColumns - 1, BlockEdges::kMinColumns}) {
     BlockEdges blocks(width, kHeight);
     blocks.add_rest({smooth.data(), width, kHeight, 3, ptrdiff_t{3} * kWidth});
     const bool has_blocks = blocks.run({coded.data(), width, kHeight, 3, ptrdiff_t{3} * kWidth});
-    EXPECT_EQ(has_blocks, width == BlockEdges::kLeastColumns) << width;
+    EXPECT_EQ(has_blocks, width == BlockEdges::kMinColumns) << width;
   }
 }
 

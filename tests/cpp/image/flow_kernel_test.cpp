@@ -42,7 +42,7 @@ TEST(FlowKernel, AllVersionsAreEqualAtAnyPlaceAndStride) {
                       static_cast<int16_t>(is_extreme ? 32'767 : within(0, 32'767)),
                       static_cast<int16_t>(is_extreme ? 32'767 : within(0, 32'767))};
     const GradientSums gradient = kScalar.gradient(block, h.data());
-    const LikenessSums likeness = kScalar.likeness(block, t.data());
+    const CorrelationSums correlation = kScalar.correlation(block, t.data());
     std::vector<int16_t> value(t);
     for (int16_t& v : value) v = static_cast<int16_t>(v < 0 ? -v : v);
     const MisfitSums misfit = kScalar.misfit(block.at, stride, value.data());
@@ -50,10 +50,10 @@ TEST(FlowKernel, AllVersionsAreEqualAtAnyPlaceAndStride) {
       const GradientSums g = other.version->gradient(block, h.data());
       EXPECT_EQ(g.x, gradient.x) << other.name;
       EXPECT_EQ(g.y, gradient.y) << other.name;
-      const LikenessSums l = other.version->likeness(block, t.data());
-      EXPECT_EQ(l.value, likeness.value) << other.name;
-      EXPECT_EQ(l.square, likeness.square) << other.name;
-      EXPECT_EQ(l.product, likeness.product) << other.name;
+      const CorrelationSums l = other.version->correlation(block, t.data());
+      EXPECT_EQ(l.value, correlation.value) << other.name;
+      EXPECT_EQ(l.square, correlation.square) << other.name;
+      EXPECT_EQ(l.product, correlation.product) << other.name;
       const MisfitSums m = other.version->misfit(block.at, stride, value.data());
       EXPECT_EQ(m.square, misfit.square) << other.name;
       EXPECT_EQ(m.value, misfit.value) << other.name;

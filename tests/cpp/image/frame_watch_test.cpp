@@ -12,7 +12,7 @@ namespace ruffini {
 namespace {
 
 using Pixels = std::vector<uint8_t>;
-using Verdict = FrameWatch::Verdict;
+using Verdict = FrameWatch::Defects;
 
 // The round board's pad with a noise of one grey level, and what can happen to its picture.
 class FrameWatchTest : public testing::Test {

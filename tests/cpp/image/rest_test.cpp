@@ -43,19 +43,19 @@ TEST(Rest, RestartForgets) {
 TEST(Rest, WhatIsGivenUpLeavesWhatWasBefore) {
   Rest rest(2, 1, 2);
   EXPECT_FALSE(rest.add(view({1, 1, 1, 1, 1, 1})));
-  EXPECT_FALSE(rest.is_learned_anew());
-  rest.give_up();  // nothing was before: from the start
+  EXPECT_FALSE(rest.is_relearning());
+  rest.cancel_learning();  // nothing was before: from the start
   EXPECT_FALSE(rest.is_ready());
   EXPECT_FALSE(rest.add(view({9, 9, 9, 9, 9, 9})));
   EXPECT_TRUE(rest.add(view({9, 9, 9, 9, 9, 9})));
-  rest.give_up();  // nothing is being learned
+  rest.cancel_learning();  // nothing is being learned
   EXPECT_TRUE(rest.is_ready());
   rest.restart(3);
-  EXPECT_TRUE(rest.is_learned_anew());
+  EXPECT_TRUE(rest.is_relearning());
   EXPECT_FALSE(rest.add(view({1, 1, 1, 1, 1, 1})));
-  rest.give_up();
+  rest.cancel_learning();
   EXPECT_TRUE(rest.is_ready());
-  EXPECT_FALSE(rest.is_learned_anew());
+  EXPECT_FALSE(rest.is_relearning());
   EXPECT_EQ(rest.image()[0], 16 * 9);
   rest.restart(1);
   EXPECT_TRUE(rest.add(view({4, 4, 4, 4, 4, 4})));

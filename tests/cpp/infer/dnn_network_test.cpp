@@ -33,12 +33,12 @@ TEST(DnnNetwork, SaysWhatTheFileComputes) {
   ASSERT_TRUE(loaded) << loaded.error().message;
   std::vector<float> out(2);
   const auto pixels = picture(10, 50, 30);
-  ASSERT_TRUE(loaded.value().network->look(view(pixels), out));
+  ASSERT_TRUE(loaded.value().network->infer(view(pixels), out));
   EXPECT_NEAR(out[0], 10'000.0F, 0.1F);
   EXPECT_NEAR(out[1], 20.0F, 1e-3F);
   auto half = picture(0, 0, 0);  // the mean is over all of the picture
   std::copy_n(pixels.begin(), pixels.size() / 2, half.begin());
-  ASSERT_TRUE(loaded.value().network->look(view(half), out));
+  ASSERT_TRUE(loaded.value().network->infer(view(half), out));
   EXPECT_NEAR(out[0], 5'000.0F, 0.1F);
 }
 
@@ -46,7 +46,7 @@ TEST(DnnNetwork, NoNumberIsNoNumber) {
   auto loaded = load_network(file_of("nan.onnx"), kBoard);
   ASSERT_TRUE(loaded) << loaded.error().message;
   std::vector<float> out(2);
-  ASSERT_TRUE(loaded.value().network->look(view(picture(1, 2, 3)), out));
+  ASSERT_TRUE(loaded.value().network->infer(view(picture(1, 2, 3)), out));
   EXPECT_TRUE(std::isnan(out[0]));
 }
 
@@ -55,7 +55,7 @@ TEST(DnnNetwork, FewerOutputsAndAnotherSizeDoNotRun) {
   for (const char* name : {"short.onnx", "small.onnx"}) {
     auto loaded = load_network(file_of(name), kBoard);
     ASSERT_TRUE(loaded) << loaded.error().message;
-    EXPECT_FALSE(loaded.value().network->look(view(picture(1, 2, 3)), out)) << name;
+    EXPECT_FALSE(loaded.value().network->infer(view(picture(1, 2, 3)), out)) << name;
   }
 }
 

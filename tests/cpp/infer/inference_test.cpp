@@ -17,7 +17,7 @@ constexpr int kSide = 4;
 class FirstPixel : public Network {
  public:
   explicit FirstPixel(std::atomic<bool>& gate) : gate_(gate) {}
-  bool look(const FrameView& frame, std::span<float> out) override {
+  bool infer(const FrameView& frame, std::span<float> out) override {
     gate_.wait(false);
     if (out.size() != 2) return false;
     out[0] = frame.data[0] == 255 ? std::nanf("") : static_cast<float>(frame.data[0]);

@@ -38,36 +38,36 @@ class AccessTest : public testing::Test {
 };
 
 TEST_F(AccessTest, OneHostAtATimeUntilItIsSilentForTwoSeconds) {
-  ASSERT_TRUE(access_.take(1));
-  access_.name(1, "first host");
+  ASSERT_TRUE(access_.acquire(1));
+  access_.set_holder_name(1, "first host");
   clock_.us += Access::kLeaseUs;
-  const Status refused = access_.take(2);
+  const Status refused = access_.acquire(2);
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().kind, ErrorKind::kBusy);
   EXPECT_NE(refused.error().message.find("for 2 s (first host): wait"), std::string::npos) << refused.error().message;
-  EXPECT_FALSE(access_.take(0)) << "nor a host that knows no lease";
-  EXPECT_TRUE(access_.take(1));
+  EXPECT_FALSE(access_.acquire(0)) << "nor a host that knows no lease";
+  EXPECT_TRUE(access_.acquire(1));
   clock_.us += Access::kLeaseUs;
-  access_.heard(2);
-  access_.heard(1);
+  access_.renew(2);
+  access_.renew(1);
   clock_.us += Access::kLeaseUs;
   EXPECT_FALSE(access_.is_free_for(2));
   clock_.us += 1;
   EXPECT_EQ(access_.holder(), "");
-  ASSERT_TRUE(access_.take(2));
+  ASSERT_TRUE(access_.acquire(2));
   EXPECT_EQ(access_.holder(), "it does not say who it is") << "not the name of the one before";
-  access_.heard(1);
-  EXPECT_FALSE(access_.take(1));
+  access_.renew(1);
+  EXPECT_FALSE(access_.acquire(1));
 }
 
 TEST_F(AccessTest, ALeaseEndsWhenItIsGivenBackOrTheLineHangsUp) {
-  ASSERT_TRUE(access_.take(1));
+  ASSERT_TRUE(access_.acquire(1));
   access_.release(2);
-  EXPECT_FALSE(access_.take(2)) << "not its own to give back";
+  EXPECT_FALSE(access_.acquire(2)) << "not its own to give back";
   access_.release(1);
-  ASSERT_TRUE(access_.take(2));
-  access_.forget();
-  EXPECT_TRUE(access_.take(1));
+  ASSERT_TRUE(access_.acquire(2));
+  access_.reset();
+  EXPECT_TRUE(access_.acquire(1));
 }
 
 TEST_F(AccessTest, ACommandCountsOnceUnderItsChallenge) {
@@ -85,7 +85,7 @@ TEST_F(AccessTest, ACommandCountsOnceUnderItsChallenge) {
   EXPECT_NE(nonce, next);
   EXPECT_FALSE(check(command, 6, 0, sign(6))) << "of the challenge before";
   EXPECT_TRUE(check(command, 1, 0, owner_.sign_command("0042", next, 1, 0, command)));
-  access_.forget();
+  access_.reset();
   EXPECT_EQ(check(command, 2, 0, owner_.sign_command("0042", next, 2, 0, command)).error().kind,
             ErrorKind::kUnavailable);
 }
@@ -118,15 +118,15 @@ TEST_F(AccessTest, EverySingleBitThatIsChangedIsRefused) {
 }
 
 TEST_F(AccessTest, AHolderNamesItselfAloneAndKeepsItsNameOverAPause) {
-  access_.name(0, "nobody");
-  ASSERT_TRUE(access_.take(1));
-  access_.name(1, "first host");
-  access_.name(0, "nobody");
-  access_.name(2, "second host");
+  access_.set_holder_name(0, "nobody");
+  ASSERT_TRUE(access_.acquire(1));
+  access_.set_holder_name(1, "first host");
+  access_.set_holder_name(0, "nobody");
+  access_.set_holder_name(2, "second host");
   EXPECT_EQ(access_.holder(), "first host");
   clock_.us += Access::kLeaseUs + 1;
   EXPECT_EQ(access_.holder(), "");
-  ASSERT_TRUE(access_.take(1));
+  ASSERT_TRUE(access_.acquire(1));
   EXPECT_EQ(access_.holder(), "first host");
 }
 

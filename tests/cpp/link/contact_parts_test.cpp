@@ -16,7 +16,7 @@ FrameState modelled() {
   s.modelled = {.is_touched = true,
                 .has_hardness = true,
                 .kind = ContactKind::kHertzian,
-                .sure_1e3 = 871,
+                .confidence_1e3 = 871,
                 .gel_depth_um = 1'203,
                 .press_depth_um = 1'711,
                 .depth_sigma_um = 88,
@@ -105,14 +105,14 @@ TEST(ContactParts, AToolsPlaceTurnAndHowSureTheyAreHaveTheirOwnFields) {
   FrameState s;
   s.tip = {.is_touched = true,
            .force_un = 400'000,
-           .way_um = 310,
+           .travel_um = 310,
            .x_um = -1'200,
            .y_um = 700,
            .roll_urad = -52'000,
            .pitch_urad = 174'533,
            .area_um2 = 28'000'000,
-           .flat_um2 = 51'234'000,
-           .flat_sigma_um2 = 2'345'999,
+           .flat_area_um2 = 51'234'000,
+           .flat_area_sigma_um2 = 2'345'999,
            .sigma = {9'000, 11, 120, 130, 4'000, 5'000, 640'000},
            .axis_1e6 = {0, -600'000, 800'000}};
   ruffini_Contacts sent = one_contact();

@@ -67,12 +67,12 @@ class ResidualMessage : public testing::Test {
 
 TEST_F(ResidualMessage, IsFoundWhenItIsAskedForAndOfThatFrameAlone) {
   path_->process(view(scene_.rest));
-  path_->find_residual();
+  path_->compute_residual();
   EXPECT_EQ(say().validity, ruffini_Validity_VALIDITY_NOT_MEASURED) << "rest is being learned";
   for (int i = 1; i < scene_.board.n_rest_frames; ++i) path_->process(view(scene_.rest));
   path_->process(view(scene_.pressed));
   EXPECT_FALSE(say().has_residual) << "a frame does not find it by itself";
-  path_->find_residual();
+  path_->compute_residual();
   const ruffini_Residual m = say();
   EXPECT_EQ(m.stamp.frame, 7U);
   EXPECT_EQ(m.validity, ruffini_Validity_VALIDITY_VALID);
@@ -88,11 +88,11 @@ TEST_F(ResidualMessage, OfAWrongFrameIsInvalidAndWithoutASecondPassAbsent) {
   for (int i = 0; i < scene_.board.n_rest_frames; ++i) path_->process(view(scene_.rest));
   const Bytes dark(scene_.rest.size(), 0);
   path_->process(view(dark));
-  path_->find_residual();
+  path_->compute_residual();
   EXPECT_EQ(say().validity, ruffini_Validity_VALIDITY_INVALID);
   path_ = FramePath::configure(scene_.board, nullptr, [] { return uint64_t{0}; }).value();
   for (int i = 0; i <= scene_.board.n_rest_frames; ++i) path_->process(view(scene_.rest));
-  path_->find_residual();
+  path_->compute_residual();
   EXPECT_EQ(say().validity, ruffini_Validity_VALIDITY_NOT_MEASURED);
 }
 

@@ -25,7 +25,7 @@ TEST_F(SessionCommands, ZeroTakesSoManyFramesAndNoMore) {
   const ruffini_Reply refused = command(zero);
   EXPECT_EQ(refused.code, ruffini_ReplyCode_REPLY_BAD_ARGUMENT);
   EXPECT_STREQ(refused.text, "zero takes 0 to 256 frames");
-  EXPECT_EQ(exchange_.zero_frames.load(), kNoZero);
+  EXPECT_EQ(exchange_.zero_frames.load(), kNoZeroRequest);
   zero.request_id = 2;
   zero.action.zero.n_frames = 256;
   EXPECT_EQ(command(zero).code, ruffini_ReplyCode_REPLY_OK);

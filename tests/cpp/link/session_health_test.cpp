@@ -203,11 +203,11 @@ TEST_F(SessionHealth, AStallGivesAZeroUp) {
   EXPECT_EQ(exchange_.zero_frames, 0) << "a hiccup: nobody's finger is that fast";
   EXPECT_EQ(stall(1'600'000), Events{"zero_given_up"}) << "asked for, not begun";
   EXPECT_EQ(stall(1'700'000), Events{}) << "said once";
-  EXPECT_EQ(exchange_.zero_frames, kGiveUpZero);
+  EXPECT_EQ(exchange_.zero_frames, kCancelZero);
   EXPECT_EQ(command(request(2, ruffini_Command_zero_tag)).code, ruffini_ReplyCode_REPLY_NOT_READY);
-  EXPECT_EQ(exchange_.zero_frames, kGiveUpZero);
+  EXPECT_EQ(exchange_.zero_frames, kCancelZero);
   EXPECT_EQ(frame(1'710'000), Events{"camera_back"});
-  exchange_.zero_frames = kNoZero;  // taken by the frame thread
+  exchange_.zero_frames = kNoZeroRequest;  // taken by the frame thread
   EXPECT_EQ(stall(2'300'000), Events{"camera_stalled"}) << "nothing was being learned";
   EXPECT_EQ(frame(2'310'000), Events{"camera_back"});
   exchange_.is_zeroing = true;

@@ -47,7 +47,7 @@ TEST(StallWatch, ACameraThatStartsHasTwoSecondsAndOneThatIsNotWantedHasAllTime) 
   EXPECT_FALSE(watch.update(0, 1'000));
   EXPECT_FALSE(watch.update(0, 1'900'000));
   EXPECT_TRUE(watch.update(0, 2'100'000));
-  watch.rest(9'000'000);
+  watch.suspend(9'000'000);
   EXPECT_FALSE(watch.update(0, 9'100'000));
 }
 

@@ -130,7 +130,7 @@ TEST(SupportSolver, LeavesWhatItsForcesDoNotExplain) {
   SaturationCounter saturations;
   loaded.solver().run(u, {}, mask, kThreshold, force, saturations);
   std::vector<int32_t> left(kUnknowns);
-  loaded.solver().leave(u, left, saturations);
+  loaded.solver().residual(u, left, saturations);
   for (size_t i = 0; i < kUnknowns; ++i) {
     double r = 64.0 * u[i];  // Q14
     for (size_t j = 0; j < kUnknowns; ++j) r -= h[i][j] * component(force[j / 3], j % 3) * 4'096;
@@ -145,7 +145,7 @@ TEST(SupportSolver, LeavesWhatItsForcesDoNotExplain) {
   std::vector<NodeForce> again(kNodes, {77, 77, -77});
   loaded.solver().run(u, {}, mask, kThreshold, again, saturations);
   std::vector<int32_t> at_watched(watched.size());
-  loaded.solver().leave_watched(at_watched);
+  loaded.solver().watched_residual(at_watched);
   for (size_t i = 0; i < watched.size(); ++i) EXPECT_NEAR(at_watched[i], left[watched[i]], 2) << watched[i];
   for (size_t i = 0; i < kUnknowns; ++i) {
     EXPECT_EQ(component(again[i / 3], i % 3), component(force[i / 3], i % 3));
@@ -160,7 +160,7 @@ TEST(SupportSolver, AResidualThatIsTooLargeIsHeldAndCounted) {
   SaturationCounter of_forces, of_residual;
   loaded.solver().run(u, beyond, std::vector<uint8_t>(kNodes, 0), kThreshold, force, of_forces);
   std::vector<int32_t> left(kUnknowns);
-  loaded.solver().leave(u, left, of_residual);
+  loaded.solver().residual(u, left, of_residual);
   EXPECT_EQ(of_residual.count, uint64_t{kUnknowns}) << "row sums of H are above one";
   for (const int32_t value : left) EXPECT_EQ(value, 1 << 23);  // 2^31 of Q14 as Q6
 }

@@ -74,7 +74,7 @@ FeatureWrench wrench() {
   const auto bytes = file.tensor("wrench.shift", "U8", {6}, std::vector<uint8_t>(6, 12)).bytes();
   return FeatureWrench::load(CalibrationFile::load(bytes).value()->get(), "markers", 2 * n).value();
 }
-bool is_moved(const std::vector<Marker>& markers, int64_t force_z_un = 0) {
+bool has_moved(const std::vector<Marker>& markers, int64_t force_z_un = 0) {
   CornerMotion corners(kLattice);
   corners.learn(moved({}), wrench());
   return corners.has_moved(markers, {.force_z_un = force_z_un});
@@ -92,21 +92,21 @@ TEST(CornerMotion, TellsWhatTheCornersHaveInCommon) {
 }
 
 TEST(CornerMotion, AMotionCountsByTheForceThatItMakes) {
-  EXPECT_FALSE(is_moved(moved({.zoom = 0.0002})));  // 0.08 N
-  EXPECT_TRUE(is_moved(moved({.zoom = 0.0003})));   // 0.12 N
-  EXPECT_TRUE(is_moved(moved({.zoom = -0.0003})));
-  EXPECT_FALSE(is_moved(moved({.zoom = 0.0003}), -1'000'000));
-  EXPECT_TRUE(is_moved(moved({.zoom = 0.0006}), -1'000'000));
-  EXPECT_FALSE(is_moved(moved({.y_px = 0.4})));
-  EXPECT_TRUE(is_moved(moved({.y_px = 0.5})));
-  EXPECT_TRUE(is_moved(moved({.turn = 0.025})));  // its picture is smaller by half its square: 0.12 N
+  EXPECT_FALSE(has_moved(moved({.zoom = 0.0002})));  // 0.08 N
+  EXPECT_TRUE(has_moved(moved({.zoom = 0.0003})));   // 0.12 N
+  EXPECT_TRUE(has_moved(moved({.zoom = -0.0003})));
+  EXPECT_FALSE(has_moved(moved({.zoom = 0.0003}), -1'000'000));
+  EXPECT_TRUE(has_moved(moved({.zoom = 0.0006}), -1'000'000));
+  EXPECT_FALSE(has_moved(moved({.y_px = 0.4})));
+  EXPECT_TRUE(has_moved(moved({.y_px = 0.5})));
+  EXPECT_TRUE(has_moved(moved({.turn = 0.025})));  // its picture is smaller by half its square: 0.12 N
 }
 
 TEST(CornerMotion, APressIsNone) {
   for (const double x_px : {-60.0, 0.0, 40.0}) {
-    EXPECT_FALSE(is_moved(moved({.press_px = 3, .press_x_px = x_px}), -2'000'000)) << x_px;
+    EXPECT_FALSE(has_moved(moved({.press_px = 3, .press_x_px = x_px}), -2'000'000)) << x_px;
   }
-  EXPECT_TRUE(is_moved(moved({.zoom = 0.002, .press_px = 3}), -2'000'000));
+  EXPECT_TRUE(has_moved(moved({.zoom = 0.002, .press_px = 3}), -2'000'000));
 }
 
 TEST(CornerMotion, ACornerWhoseMarkersAreLostSaysNothing) {
@@ -118,9 +118,9 @@ TEST(CornerMotion, ACornerWhoseMarkersAreLostSaysNothing) {
     }
   };
   lose(0, 0);
-  EXPECT_TRUE(is_moved(markers)) << "three are left";
+  EXPECT_TRUE(has_moved(markers)) << "three are left";
   lose(25, 19);
-  EXPECT_FALSE(is_moved(markers));
+  EXPECT_FALSE(has_moved(markers));
 }
 
 }  // namespace

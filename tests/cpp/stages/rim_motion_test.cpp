@@ -8,7 +8,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kMostUn = 1'300'000;
+constexpr int64_t kMaxUn = 1'300'000;
 
 struct Way {
   double x_px = 0;
@@ -42,8 +42,8 @@ std::vector<Marker> moved(const Way& way) {
 class RimMotionTest : public testing::Test {
  protected:
   RimMotionTest() { rim_.learn(moved({})); }
-  [[nodiscard]] bool is_moved(const Way& way, int64_t force_un = 0) const {
-    return rim_.has_moved(moved(way), force_un, kMostUn);
+  [[nodiscard]] bool has_moved(const Way& way, int64_t force_un = 0) const {
+    return rim_.has_moved(moved(way), force_un, kMaxUn);
   }
 
   RimMotion rim_;
@@ -58,20 +58,20 @@ TEST_F(RimMotionTest, TellsWhatTheSectorsHaveInCommon) {
 }
 
 TEST_F(RimMotionTest, ALittleIsEnoughWhereNothingPresses) {
-  EXPECT_FALSE(is_moved({.x_px = 0.11}));
-  EXPECT_TRUE(is_moved({.x_px = 0.13}));
-  EXPECT_TRUE(is_moved({.zoom = 0.002}));
-  EXPECT_TRUE(is_moved({.turn = -0.002}));
+  EXPECT_FALSE(has_moved({.x_px = 0.11}));
+  EXPECT_TRUE(has_moved({.x_px = 0.13}));
+  EXPECT_TRUE(has_moved({.zoom = 0.002}));
+  EXPECT_TRUE(has_moved({.turn = -0.002}));
 }
 
 TEST_F(RimMotionTest, ALoadMovesTheRim) {
-  EXPECT_FALSE(is_moved({.x_px = 0.5}, kMostUn / 2));
-  EXPECT_TRUE(is_moved({.x_px = 0.8}, kMostUn / 2));
-  EXPECT_FALSE(is_moved({.zoom = 0.005}, kMostUn));
-  EXPECT_EQ(is_moved({.x_px = 2}, kMostUn), is_moved({.x_px = 2}, 5 * kMostUn)) << "no more than at the most";
+  EXPECT_FALSE(has_moved({.x_px = 0.5}, kMaxUn / 2));
+  EXPECT_TRUE(has_moved({.x_px = 0.8}, kMaxUn / 2));
+  EXPECT_FALSE(has_moved({.zoom = 0.005}, kMaxUn));
+  EXPECT_EQ(has_moved({.x_px = 2}, kMaxUn), has_moved({.x_px = 2}, 5 * kMaxUn)) << "no more than at the most";
 }
 
-TEST_F(RimMotionTest, ADentOfOneSectorIsNoMotion) { EXPECT_FALSE(is_moved({.dent_px = 5})); }
+TEST_F(RimMotionTest, ADentOfOneSectorIsNoMotion) { EXPECT_FALSE(has_moved({.dent_px = 5})); }
 
 TEST_F(RimMotionTest, ASectorThatIsNotSeenSaysNothing) {
   auto markers = moved({.x_px = 1});
@@ -82,9 +82,9 @@ TEST_F(RimMotionTest, ASectorThatIsNotSeenSaysNothing) {
     }
   };
   lose(220, 300);
-  EXPECT_TRUE(rim_.has_moved(markers, 0, kMostUn)) << "three are left";
+  EXPECT_TRUE(rim_.has_moved(markers, 0, kMaxUn)) << "three are left";
   lose(0, 100);
-  EXPECT_FALSE(rim_.has_moved(markers, 0, kMostUn));
+  EXPECT_FALSE(rim_.has_moved(markers, 0, kMaxUn));
 }
 
 }  // namespace

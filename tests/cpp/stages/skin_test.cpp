@@ -54,14 +54,14 @@ TEST(SkinTrack, GoesOnRoundTheTubeAndOverAFewFramesWithoutTouch) {
   SkinTouchList list = touches({at(125'000, 0)});
   track.run(list);
   const uint32_t id = list.touch[0].id;
-  for (int i = 0; i < SkinTrack::kKeptFrames; ++i) {
+  for (int i = 0; i < SkinTrack::kMaxUnseenFrames; ++i) {
     SkinTouchList nothing;
     track.run(nothing);
   }
   list = touches({at(-125'000, 500)});
   track.run(list);
   EXPECT_EQ(list.touch[0].id, id);
-  for (int i = 0; i <= SkinTrack::kKeptFrames; ++i) {
+  for (int i = 0; i <= SkinTrack::kMaxUnseenFrames; ++i) {
     SkinTouchList nothing;
     track.run(nothing);
   }

@@ -47,7 +47,7 @@ void expect_error(const Status& done, const std::string& said) {
 TEST_F(SlotStoreMedium, WhereTheFolderCannotBeListedEverythingSaysSo) {
   SlotStore store = open(two(), FailingMedium::after(Call::kList));
   EXPECT_EQ(store.problem(), "list failed");
-  EXPECT_FALSE(store.has_lost_trial());
+  EXPECT_FALSE(store.has_discarded_trial());
   EXPECT_EQ(store.load().error().message, "list failed");
   EXPECT_EQ(store.load(1).error().message, "list failed");
   EXPECT_EQ(store.epoch().error().message, "list failed");
@@ -65,7 +65,7 @@ TEST_F(SlotStoreMedium, WhatCannotBeRemovedAtTheStartIsSaid) {
     names[name] = test::kept(Bytes(5, 5));
     const SlotStore store = open(names, FailingMedium::after(Call::kRemove));
     EXPECT_EQ(store.problem(), "remove failed") << name;
-    EXPECT_EQ(store.has_lost_trial(), std::string(name) == "trial.safetensors");
+    EXPECT_EQ(store.has_discarded_trial(), std::string(name) == "trial.safetensors");
     EXPECT_EQ(store.load().value(), Bytes(20, 2)) << "in use all the same";
   }
 }

@@ -150,12 +150,12 @@ TEST_F(SlotStoreTest, ATrialThatARestartCutShortIsRemovedAndSaid) {
   {
     SlotStore store = open();
     ASSERT_TRUE(install(store, Bytes(10, 1)));
-    EXPECT_FALSE(store.has_lost_trial());
+    EXPECT_FALSE(store.has_discarded_trial());
     ASSERT_TRUE(store.stage(Bytes(20, 2)));
   }
-  EXPECT_TRUE(open().has_lost_trial());
+  EXPECT_TRUE(open().has_discarded_trial());
   EXPECT_FALSE(has("trial.safetensors"));
-  EXPECT_FALSE(open().has_lost_trial());
+  EXPECT_FALSE(open().has_discarded_trial());
   EXPECT_EQ(open().load().value(), Bytes(10, 1));
 }
 

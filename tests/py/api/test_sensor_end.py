@@ -69,4 +69,4 @@ def test_what_was_left_out_while_a_command_waited_is_said_once() -> None:
     sensor = Sensor(BusyConnection(), {}, on_note=notes.append)  # type: ignore[arg-type]
     sensor.close()
     assert sensor.n_left_out == 3
-    assert notes == ["/dev/gone: 3 messages were left out: too many came while a command waited for its reply"]
+    assert notes == ["/dev/gone: 3 messages were dropped: too many arrived while a command waited for its reply"]

@@ -17,23 +17,19 @@ from ruffini.boards import find_board, parse_board
 from ruffini.calibrate import container
 from ruffini.calibrate.auto.page import table_of
 from ruffini.calibrate.auto.run import BETTER, Auto, Site
-from ruffini.calibrate.auto.tasks import (
-    CONTACT,
-    FORCES,
-    NO_SHORE,
-    SKIN,
-    TOOLS,
-    WRENCH,
-    Counts,
-    Word,
-    judged_loads,
-    judged_touches,
-    task_of,
-)
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.gates import gates_in
 from ruffini.cli import main
 from ruffini.errors import RefusedError
+from ruffini.estimators.contact_model.task import TASK as CONTACT
+from ruffini.estimators.contact_model.task import TOOLS
+from ruffini.estimators.operator.task import TASK as FORCES
+from ruffini.estimators.operator.task import judged_touches
+from ruffini.estimators.skin.task import TASK as SKIN
+from ruffini.estimators.table import task_of
+from ruffini.estimators.task import NO_SHORE, Counts, Word
+from ruffini.estimators.wrench.task import TASK as WRENCH
+from ruffini.estimators.wrench.task import judged_loads
 from ruffini.rig.emulated_person import _loads
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 from ruffini.rig.program import CONDITIONS, Condition, Indent, Span, Touch

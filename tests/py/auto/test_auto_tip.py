@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -15,8 +14,9 @@ from typer.testing import CliRunner
 
 from ruffini.boards import find_board
 from ruffini.calibrate.auto import fingertip as auto_tip
-from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm, figures_of, gates_of, row_of, than_before, truth_of
-from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
+from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm, row_of, than_before, truth_of
+from ruffini.calibrate.container import CalibrationFile, base_metadata, pack, read
+from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.device.results import Contact
@@ -25,6 +25,10 @@ from ruffini.estimators.fingertip.eyes import Eyes
 from ruffini.estimators.fingertip.face import cells, rays
 from ruffini.estimators.fingertip.field import kernel, places
 from ruffini.estimators.fingertip.presses import axes
+from ruffini.estimators.fingertip.report import figures_of
+from ruffini.estimators.fingertip.stage import FINGERTIP
+from ruffini.estimators.table import reported_by
+from ruffini.estimators.task import Turned
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
@@ -34,9 +38,11 @@ from ruffini.wire import Schema
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "stereo-fingertip")
 N_REST = BOARD.pipeline.n_rest_frames + 2
 WAYS = (400, 900, 1400)  # um
+TASK = Turned("fingertip", "presses.toml", "mN mean of force")
 VALID, INVALID, VIEW_LOST = 1, 3, 16384
 REPORT: dict[str, Any] = {
     "n_presses": 30,
+    "largest_n": 1.0,
     "mean_error_of_presses_left_out": {
         "both": {"force_n": 0.02, "way_mm": 0.03, "x_mm": 1.5, "y_mm": 1.5, "roll_deg": 1.0, "pitch_deg": 2.0}
     },
@@ -48,10 +54,14 @@ REPORT: dict[str, Any] = {
     [("force_n", 0.051, "force"), ("way_mm", 0.11, "way"), ("roll_deg", 5.1, "tilt"), ("n_presses", 9, "presses")],
 )
 def test_each_gate_fails_alone(name: str, value: float, gate: str) -> None:
-    assert all(g.ok for g in gates_of(REPORT, 1.0))
+    assert all(g.ok for g in FINGERTIP.gates(REPORT, BOARD))
     both = {**REPORT["mean_error_of_presses_left_out"]["both"], name: value}
-    spoilt = {"n_presses": value if name == "n_presses" else 30, "mean_error_of_presses_left_out": {"both": both}}
-    assert [g.name for g in gates_of(spoilt, 1.0) if not g.ok] == [gate]
+    spoilt = {
+        "largest_n": 1.0,
+        "n_presses": value if name == "n_presses" else 30,
+        "mean_error_of_presses_left_out": {"both": both},
+    }
+    assert [g.name for g in FINGERTIP.gates(spoilt, BOARD) if not g.ok] == [gate]
 
 
 def test_what_is_in_force_is_not_replaced_by_what_is_worse() -> None:
@@ -154,10 +164,19 @@ def test_made_fitted_flashed_and_judged_over_the_line(
     record(dome, recording)
     file = tables(recording)
     monkeypatch.setattr(auto_tip, "reproduce", lambda *_, **__: None)
-    monkeypatch.setattr(auto_tip, "fit_fingertip", lambda *_, **__: SimpleNamespace(report=REPORT))
-    monkeypatch.setattr(auto_tip, "calibration", lambda *_: file)
-    result = TipAuto(BOARD, tmp_path, 10.0, lambda _: None, is_quick=True).run()
-    assert json.loads((tmp_path / "result.json").read_text())["sha256"] == file.sha256.hex()
+    report = REPORT
+
+    def fit(job: Job, _: Progress) -> Outcome:
+        job.tensors |= file.tensors
+        job.metadata["fingertip.most_un"] = file.metadata["fingertip.most_un"]
+        return Outcome("fitted", "", report)
+
+    monkeypatch.setattr(FINGERTIP, "fit", fit)
+    result = TipAuto(BOARD, TASK, tmp_path, 10.0, lambda _: None, is_quick=True).run()
+    made = read(tmp_path / "calibration.safetensors")
+    assert json.loads((tmp_path / "result.json").read_text())["sha256"] == made.sha256.hex()
+    assert made.tensors.keys() == file.tensors.keys()
+    assert made.metadata["gates"] == "passed"
     for page in ("auto.html", "report.html"):
         assert "SIMULATED" in (tmp_path / page).read_text()
     assert result["after"]["frames"] == result["after"]["told"] == len(WAYS)
@@ -171,10 +190,33 @@ def test_made_fitted_flashed_and_judged_over_the_line(
     off = 1e3 * np.abs(np.array(forces) - [500e-6 * way for way in WAYS]).mean()
     assert result["after"]["error"] == pytest.approx(off, abs=1e-2)
     assert min(flat) > 20e6  # a wall that is dented lies in some plane to 0.3 mm over more than 41 mm^2
-    spoilt = {**REPORT, "n_presses": 3}
-    monkeypatch.setattr(auto_tip, "fit_fingertip", lambda *_, **__: SimpleNamespace(report=spoilt))
+    report = {**REPORT, "n_presses": 3}
     with pytest.raises(RefusedError, match=r"not flashed.*presses: 3 presses, at least 10"):
-        TipAuto(BOARD, tmp_path, 10.0, lambda _: None, is_quick=True).run()
+        TipAuto(BOARD, TASK, tmp_path, 10.0, lambda _: None, is_quick=True).run()
+
+
+def test_a_report_judges_presses_that_were_not_fitted_on_the_boards_integers(dome: Renderer, tmp_path: Path) -> None:
+    press = tmp_path / "presses" / "a"
+    record(dome, press)
+    told = [",,,,,,"] * N_REST + [f"{500e-6 * way},{1e-3 * way},0,0,0,0," for way in WAYS]
+    (press / "press.csv").write_text("\n".join(["force_n,way_mm,x_mm,y_mm,roll_deg,pitch_deg,area_mm2", *told, ""]))
+    file, off_n = tables(press), []
+    with Pipeline(BOARD, file.data) as core:
+        for i in range(N_REST + len(WAYS)):
+            core.process(cv2.imread(str(press / "frames" / f"{i:04d}.png")))
+            if i >= N_REST:
+                off_n.append(abs(1e-6 * core.tip().force_un - 500e-6 * WAYS[i - N_REST]))
+    made = FINGERTIP.report(BOARD, file, [tmp_path / "presses"], previous=file)
+    assert made.tree["log"] | {"files": None} == {
+        "files": None, "touches": 1, "frames": len(WAYS), "in_the_fit": False, "simulated": True,
+    }  # fmt: skip
+    assert made.tree["fingertip"] == made.tree["previous"]
+    assert made.tree["fingertip"]["mean"]["force_n"] == pytest.approx(np.mean(off_n))
+    assert not made.tree["passed"]
+    assert "presses" in [gate.name for gate in made.gates if not gate.ok]
+    made.write_page(tmp_path / "report.html")
+    assert "3 frames of 1 presses" in (tmp_path / "report.html").read_text()
+    assert reported_by(file) is FINGERTIP
 
 
 @pytest.mark.parametrize(("eyes", "is_seen"), [((0,), True), ((1,), False), ((0, 1), False)])

@@ -1,6 +1,7 @@
 """The benchmark of held touches: what is judged is held, and what is logged is not judged."""
 
 import pytest
+from twinless import board_without_twin
 
 from ruffini.bench import held
 from ruffini.boards import find_board
@@ -31,9 +32,9 @@ def test_a_slowed_board_differs_in_its_rate_only():
     assert slow.model_dump() == board.model_copy(update={"camera": camera}).model_dump()
 
 
-def test_a_board_without_a_twin_is_refused():
+def test_a_board_without_a_twin_is_refused(tmp_path):
     with pytest.raises(InputError, match="no optics to simulate"):
-        held.run(find_board("gelsight-mini"))
+        held.run(board_without_twin(tmp_path))
 
 
 def test_the_table_has_a_row_for_each_touch_before_and_after():

@@ -100,7 +100,7 @@ def test_each_fault_has_its_flag_in_its_first_frame(core: Pipeline, scene: Scene
     assert core.process(scene.frame(state)).flags == 0  # and none after it
 
 
-def test_old_pictures_are_flagged_whole_and_in_part(core: Pipeline, scene: Scene) -> None:
+def test_repeated_pictures_are_flagged_whole_and_in_part(core: Pipeline, scene: Scene) -> None:
     seen = [scene.frame("pressed") for _ in range(5)]
     assert not any(core.process(frame).flags for frame in seen)
     assert core.process(seen[2]).flags & REPEATED

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import json
+import tempfile
 from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 from typer.testing import CliRunner
 
 from ruffini.boards import Board, find_board
@@ -117,9 +119,14 @@ def error_um(lens: LensSettings, index: float, calibration: bytes | None) -> tup
     return float(np.sqrt((off**2).mean())), float(off.max())
 
 
+def fitted(lens: LensSettings, index: float) -> CameraFit:
+    with tempfile.TemporaryDirectory() as folder:
+        return fit(pictures(Path(folder), lens), is_fisheye=lens.model == "fisheye", index=index)
+
+
 @pytest.mark.parametrize(("lens", "index"), [(RADTAN, 1.0), (RADTAN, INDEX), (FISHEYE, INDEX)])
-def test_displacement_before_and_after(lens: LensSettings, index: float, tmp_path: Path) -> None:
-    found = fit(pictures(tmp_path, lens), is_fisheye=lens.model == "fisheye", index=index)
+def test_displacement_before_and_after(lens: LensSettings, index: float) -> None:
+    found = kept(fitted, lens, index)
     tensors, metadata = tables(found.model, BOARD)
     file = container.pack({**tensors}, {**container.base_metadata(BOARD), **metadata})
     before, after = error_um(lens, index, None), error_um(lens, index, file.data)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.boards import find_board
 from ruffini.calibrate.log.reference import write_fit
@@ -39,7 +40,7 @@ def log_of(prony: Prony, modulus_factor: float, seed: int, noise_n: float = 0.0)
 
 def test_what_relaxes_is_found() -> None:
     prony = Prony(((0.12, 0.3), (0.15, 3.0)))
-    fit = fit_relaxation(log_of(prony, 1.1, seed=1, noise_n=0.005))
+    fit = kept(fit_relaxation, log_of(prony, 1.1, seed=1, noise_n=0.005))
     assert [tau for _, tau in fit.terms] == [0.3, 3.0]
     np.testing.assert_allclose([g for g, _ in fit.terms], [0.12, 0.15], atol=0.02)
     assert fit.gain == pytest.approx(1.1 * prony.scale, rel=0.02)
@@ -48,9 +49,9 @@ def test_what_relaxes_is_found() -> None:
 
 def test_times_between_those_tried_are_explained_on_another_log() -> None:
     prony = Prony(((0.1, 0.17), (0.08, 1.7), (0.07, 12.0)))
-    fit = fit_relaxation(log_of(prony, 1.0, seed=2, noise_n=0.005))
+    fit = kept(fit_relaxation, log_of(prony, 1.0, seed=2, noise_n=0.005))
     other = log_of(prony, 1.0, seed=3)
-    again = fit_relaxation(other)
+    again = kept(fit_relaxation, other)
     assert fit.loss == pytest.approx(prony.loss, abs=0.06)
     assert again.rmse_after_n < 0.15 * again.rmse_before_n
 

@@ -14,9 +14,8 @@ from test_glowing_skin import BOARD, LENS, PARTS, SCALE, SHIFT_MM, A, B
 
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome
-from ruffini.calibrate.fit.run import finished, run_stages
-from ruffini.calibrate.fit.stages import STAGES
-from ruffini.calibrate.gates import Gate, failed, gates_of_stages
+from ruffini.calibrate.fit.run import finished, gates_of_stages, run_stages
+from ruffini.calibrate.gates import Gate, failed
 from ruffini.errors import InputError
 from ruffini.estimators.skin.judge import OFF_X, REFERENCE, SAID, judged_presses
 from ruffini.estimators.skin.log import untouched_of, whole
@@ -24,6 +23,7 @@ from ruffini.estimators.skin.openings import lattice_mm
 from ruffini.estimators.skin.report import skin_report_of, write_skin_page
 from ruffini.estimators.skin.response import TIMES_S, Layout, layout_of, relaxed
 from ruffini.estimators.skin.rubber import pyramid_force
+from ruffini.estimators.table import applying
 from ruffini.rig.log_file import Log, TouchRecord, read_log, write_log
 
 Array = npt.NDArray[np.float64]
@@ -160,7 +160,7 @@ def test_a_reference_that_is_wrong_by_touch_and_one_that_failed_its_checks_are_r
 def test_few_presses_in_one_corner_fail_their_gates() -> None:
     report = {"n_presses": 4, "coverage": 1 / 9, "force_error_percent": 3.0, "place_error_mm": 8.0, "pitch_mm": 10.0,
               "n_at_rim": 4}  # fmt: skip
-    gates = gates_of_stages({"skin": Outcome("fitted", "", report)})
+    gates = gates_of_stages(BOARD, {"skin": Outcome("fitted", "", report)})
     assert {g.name for g in failed(gates)} == {"touches", "coverage", "skin place"}
     assert not any("rim" in g.text for g in gates)
 
@@ -169,7 +169,7 @@ def test_a_force_that_fails_for_presses_at_the_rim_says_what_to_do() -> None:
     report = {"n_presses": 20, "coverage": 1.0, "force_error_percent": 13.0, "place_error_mm": 1.0, "pitch_mm": 10.0}
     said = []
     for n_at_rim in (17, 5):
-        gates = gates_of_stages({"skin": Outcome("fitted", "", {**report, "n_at_rim": n_at_rim})})
+        gates = gates_of_stages(BOARD, {"skin": Outcome("fitted", "", {**report, "n_at_rim": n_at_rim})})
         said += [g.text for g in failed(gates)]
     assert "17 of 20 presses are at a rim" in said[0]
     assert "press inside" in said[0]
@@ -217,4 +217,4 @@ def test_a_picture_of_each_second_pixel_lies_where_its_pixels_were() -> None:
 
 
 def test_a_glowing_board_needs_this_stage_and_no_other_estimator() -> None:
-    assert [s.name for s in STAGES if s.is_needed(Job(BOARD, []))] == ["camera", "skin"]
+    assert [estimator.name for estimator in applying(BOARD)] == ["camera", "skin"]

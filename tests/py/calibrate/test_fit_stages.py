@@ -17,19 +17,20 @@ from test_material import TRUE, board, touches  # noqa: F401
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.fit.job import HELD_S, Job, Outcome, left_after, material_of
-from ruffini.calibrate.fit.run import finished, run_stages
-from ruffini.calibrate.fit.stages import STAGES
+from ruffini.calibrate.fit.run import finished, gates_of_stages, run_stages
 from ruffini.calibrate.fleet.units import fit_fleet, outliers_of
-from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in, gates_of_stages
+from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in
 from ruffini.calibrate.log.touches import Series, TouchLog, read_touch_log
-from ruffini.calibrate.report.judged import report_of
-from ruffini.calibrate.report.page import write_page
 from ruffini.errors import InputError
 from ruffini.estimators.material import stage as material
 from ruffini.estimators.material.fit import fit_material
 from ruffini.estimators.operator import stage as operator
 from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+from ruffini.estimators.operator.page import write_page
+from ruffini.estimators.operator.report import report_of
 from ruffini.estimators.relaxation import stage as relaxation
+from ruffini.estimators.relaxation.fit import fit_relaxation
+from ruffini.estimators.table import applying
 from ruffini.estimators.threshold import fit as contact_noise
 from ruffini.estimators.threshold import stage as threshold
 from ruffini.rig.log_file import Log, TouchRecord, write_log
@@ -49,6 +50,7 @@ def kept_steps() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(material, "fit_material", without_progress(fit_material))
         patch.setattr(operator, "make_operator", without_progress(make_operator))
+        patch.setattr(relaxation, "fit_relaxation", lambda log: kept(fit_relaxation, log))
         yield
 
 
@@ -239,7 +241,7 @@ def test_a_reference_whose_place_is_not_known_has_no_moments(board: Board, tmp_p
 
 def test_each_board_has_the_stages_that_its_pipeline_needs(board: Board) -> None:  # noqa: F811
     def needed(one: Board) -> list[str]:
-        return [s.name for s in STAGES if s.is_needed(Job(one, []))]
+        return [estimator.name for estimator in applying(one)]
 
     assert needed(find_board("ftouch")) == ["camera", "photometric", "wrench"]
     assert needed(board) == ["camera", "photometric", "material", "relaxation", "noise", "operator", "threshold"]
@@ -248,7 +250,7 @@ def test_each_board_has_the_stages_that_its_pipeline_needs(board: Board) -> None
 def test_axes_that_a_wrench_misses_are_gates() -> None:
     axes = {"Fx": {"rmse": 0.02, "full_scale": 1.0}, "Tz": {"rmse": 2.0, "full_scale": -9.0},
             "Ty": {"rmse": 0.0, "full_scale": 0.0}}  # fmt: skip
-    gates = gates_of_stages({"wrench": Outcome("fitted", "", {"axes": axes})})
+    gates = gates_of_stages(find_board("ftouch"), {"wrench": Outcome("fitted", "", {"axes": axes})})
     assert {g.name: g.ok for g in gates} == {"wrench Fx": True, "wrench Tz": False}
 
 
@@ -274,7 +276,7 @@ def test_relaxation_is_learned_from_touches_that_were_held(board: Board, hold_s:
     series = [held_touch(10.0 * i, 0.8 + 0.2 * i, hold_s if i % 2 else 0.5) for i in range(8)]
     none, unused = np.zeros((0, 1, 3)), np.zeros((8, 6))
     job = Job(board, [], _log=TouchLog(none, unused, np.arange(8), none, unused, series))
-    outcome = relaxation.run(job, lambda _: None)
+    outcome = relaxation.RELAXATION.fit(job, lambda _: None)
     if hold_s < 2:
         assert outcome.state == "open"
         assert "no touch is held for 2 s" in outcome.text
@@ -294,14 +296,14 @@ def test_a_noisier_sensor_needs_a_harder_touch(fitted, board: Board, monkeypatch
         rest = np.random.default_rng(3).normal(0, noise_m, (contact_noise.MIN_FRAMES, n, 3))
         log = TouchLog(none, np.zeros((0, 6)), np.zeros(0, np.int64), rest, np.zeros((0, 6)))
         job = Job(board, [], matrix=known.matrix, _log=log)
-        outcome = threshold.run(job, lambda _: None)
+        outcome = threshold.THRESHOLD.fit(job, lambda _: None)
         assert outcome.state == "fitted", outcome.text
         harder.append(outcome.report["alone_mn"])
         assert "contact.noise_un" in job.tensors
     assert harder[1] == pytest.approx(3 * harder[0], rel=0.05)
     few = TouchLog(none, np.zeros((0, 6)), np.zeros(0, np.int64), rest[:30], np.zeros((0, 6)))
     job = Job(board, [], matrix=known.matrix, _log=few)
-    assert "30 untouched frames in the log, 100 are needed" in threshold.run(job, lambda _: None).text
+    assert "30 untouched frames in the log, 100 are needed" in threshold.THRESHOLD.fit(job, lambda _: None).text
 
 
 def test_relaxed_force_after_a_while() -> None:

@@ -13,13 +13,14 @@ from test_photometric import BALL_MM, PX_PER_MM, draw
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.gates import gates_in, gates_of_modulus, verdict
+from ruffini.calibrate.gates import gates_in, verdict
 from ruffini.errors import InputError
+from ruffini.estimators.material.judge import gates_of_modulus
 from ruffini.estimators.operator.fit import Material
 from ruffini.estimators.photometric.presses import load_presses
 
 COLUMNS = "image,center_x_px,center_y_px,contact_radius_px"
-N = 12
+N = 8
 Circle = tuple[float, float, float]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.errors import InputError
 from ruffini.estimators.photometric.fit import (
@@ -54,7 +55,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_presses_left_out_are_predicted(folder: Path) -> None:
-    fit = fit_photometric(collect_samples(load_presses(folder), None))
+    fit = kept(fit_photometric, collect_samples(load_presses(folder), None))
     report = fit.report()
     assert report["n_presses"] == 12
     assert report["held_out_normal_median_deg"] < 2
@@ -78,7 +79,7 @@ def test_a_lattice_must_take_off_a_tenth_of_the_error() -> None:
 
 
 def test_lambertian_light_is_fitted_without_a_correction(folder: Path) -> None:
-    fit = fit_photometric(collect_samples(load_presses(folder), None))
+    fit = kept(fit_photometric, collect_samples(load_presses(folder), None))
     choice = fit.model.choice
     assert (choice.unmix_order, choice.stiffness, choice.is_balanced) == (0, None, False)
 

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from small_board import Files, Run
+from twinless import board_without_twin
 
 from ruffini.errors import NoDeviceError
 from ruffini.rig.log_file import read_log
@@ -51,6 +52,16 @@ def test_dry_run_prints_every_move_and_moves_nothing(files: Files, run: Run, tmp
     assert list(tmp_path.iterdir()) == [rig]
 
 
+def test_what_is_not_chosen_is_what_the_boards_estimator_is_fitted_to(run: Run, tmp_path):
+    rig, words = tmp_path / "rig.toml", ("--n", 4, "--out", tmp_path / "log.h5", "--dry-run", "--json")
+    rig.write_text(RIG.replace("deepest_mm = 0.5", "deepest_mm = 4.0").replace("bottom_mm = -2.0", "bottom_mm = -6.0"))
+    programs = {
+        board: json.loads(run("cal", "collect", "--board", board, "--rig", rig, *words)[1])["program"]
+        for board in ("gelslim", "ftouch", "eltac", "stereo-fingertip")
+    }
+    assert programs == {"gelslim": "grid", "ftouch": "conditions", "eltac": "balls", "stereo-fingertip": "grid"}
+
+
 def test_programs_by_hand_say_what_a_person_will_be_told(files: Files, run: Run, tmp_path):
     rig, out = tmp_path / "rig.toml", tmp_path / "log.h5"
     rig.write_text('schema = 1\n[reference]\nkind = "weight"\nsigma_g = 0.1\n[limits]\nmax_force_n = 5.0\n')
@@ -69,7 +80,8 @@ def test_programs_by_hand_say_what_a_person_will_be_told(files: Files, run: Run,
 
 
 def test_a_board_without_a_twin_has_no_simulated_bench(run: Run, tmp_path):
-    code, _, error = run("cal", "collect", "--board", "gelsight-mini", "--rig", "sim", "--out", tmp_path / "log.h5")
+    board = board_without_twin(tmp_path).folder
+    code, _, error = run("cal", "collect", "--board", board, "--rig", "sim", "--out", tmp_path / "log.h5")
     assert code == 2
     assert "has no optics to simulate" in error
 

@@ -15,9 +15,9 @@ def test_a_folder_without_presses_is_refused(run: Run, tmp_path: Path) -> None:
     assert not out.exists()
 
 
-def test_the_noise_of_first_touch_is_another_verb(run: Run, tmp_path: Path) -> None:
-    code, _, err = run(
-        "cal", "fit", "--only", "contact", tmp_path, "--board", "contact-glitter", "--out", tmp_path / "x"
-    )
-    assert code == 2
-    assert "--log" in err or "unexpected" in err
+def test_the_name_of_the_release_before_says_the_new_one_and_takes_the_same_way(run: Run, tmp_path: Path) -> None:
+    words = ("--log", tmp_path, "--board", "contact-glitter", "--out", tmp_path / "x")
+    old, new = run("cal", "contact", *words), run("cal", "fit", "--only", "contact", *words)
+    assert "`cal contact` is now `ruffini cal fit --only contact`" in old[2]
+    assert old[0] == new[0] == 2
+    assert new[2] in old[2]

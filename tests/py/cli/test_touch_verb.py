@@ -1,4 +1,4 @@
-"""ruffini cal fit --only touch as typed: an untouched recording in, a kind that the core takes out."""
+"""ruffini cal fit --only threshold as typed: an untouched recording in, a kind that the core takes out."""
 
 from __future__ import annotations
 
@@ -38,38 +38,37 @@ def coloured(files: Files, folder: Path) -> Path:
 
 
 def test_an_untouched_recording_says_what_counts_as_a_touch(files: Files, run: Run, tmp_path: Path) -> None:
-    out, whole = tmp_path / "contact.safetensors", tmp_path / "whole.safetensors"
+    out = tmp_path / "whole.safetensors"
     log, calibration = write_frames(tmp_path / "rest", 140), coloured(files, tmp_path)
     code, text, err = run(
         "cal",
         "fit",
         "--only",
-        "touch",
+        "threshold",
         log,
+        "--previous",
+        calibration,
         "--board",
         files.folder,
-        "--calibration",
-        calibration,
         "--out",
         out,
         "--json",
     )
     assert code == 0, err
-    report = json.loads(text)
+    report = json.loads(text)["stages"]["threshold"]
     assert report["frames"] >= 100
     assert 0 < report["node_sigma_mn"] < report["square_mn"] < report["alone_mn"]
     file = container.read(out)
-    assert file.kinds == ["contact"]
+    assert set(file.kinds) == {*container.read(calibration).kinds, "contact"}
     stated_un = np.array([report["square_mn"], report["alone_mn"]]) * 1e3
     assert np.abs(file.tensors["contact.noise_un"] - stated_un).max() <= 1
-    assert run("cal", "file", "merge", calibration, out, "--out", whole)[0] == 0
-    assert run("cal", "file", "verify", whole, "--board", files.folder)[0] == 0
+    assert run("cal", "file", "verify", out, "--board", files.folder)[0] == 0
 
 
 def test_a_calibration_without_colours_is_refused(files: Files, run: Run, tmp_path: Path) -> None:
     log, out = write_frames(tmp_path / "rest", 2), tmp_path / "contact.safetensors"
     code, _, err = run(
-        "cal", "fit", "--only", "touch", log, "--board", files.folder, "--calibration", files.operator, "--out", out
+        "cal", "fit", "--only", "threshold", log, "--board", files.folder, "--previous", files.operator, "--out", out
     )
     assert code == 2
     assert "operator and photometric" in err
@@ -79,7 +78,7 @@ def test_a_calibration_without_colours_is_refused(files: Files, run: Run, tmp_pa
 def test_dark_frames_are_refused(files: Files, run: Run, tmp_path: Path) -> None:
     log, out = write_frames(tmp_path / "rest", 30, level=5), tmp_path / "contact.safetensors"
     code, _, err = run(
-        "cal", "fit", "--only", "touch", log, "--board", files.folder, "--calibration", files.calibration, "--out", out
+        "cal", "fit", "--only", "threshold", log, "--board", files.folder, "--previous", files.calibration, "--out", out
     )
     assert code == 2
     assert "z is not measured" in err

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from ruffini.boards import Board, find_board
-from ruffini.core.pipeline import Pipeline, stages
+from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
-from ruffini.native import library
+from ruffini.native import library, stage_slots
 
 BOARDS = sorted(path.parent for path in (Path(__file__).parents[3] / "boards").glob("*/board.toml"))
 # Without a calibration: what needs no tables.
@@ -49,12 +49,12 @@ def test_each_board_lists_the_slots_that_its_stages_write(folder: Path) -> None:
 
 def test_frames_are_timed_by_the_stages_that_the_core_lists() -> None:
     board = board_of(BOARDS[[folder.name for folder in BOARDS].index("gelslim")])
-    assert [*board.pipeline.stages] == [name for name in stages() if name in board.pipeline.stages]
+    assert [*board.pipeline.stages] == [name for name in stage_slots() if name in board.pipeline.stages]
     with Pipeline(board) as path:
         frame = np.full((board.camera.height_px, board.camera.width_px, 3), 120, np.uint8)
         for _ in range(board.pipeline.n_rest_frames + 1):
             spent = path.process(frame).stage_ns
-    assert [*spent] == [*stages()]
+    assert [*spent] == [*stage_slots()]
     assert spent["markers"] > 0
     assert spent["skin"] == 0
 
@@ -77,5 +77,18 @@ def test_bad_requests_are_answered_by_one_sentence() -> None:
         assert not small.any()
         assert core.ruffini_slot_describe(path._pointer, len(path.slots), None)
         assert core.ruffini_error().decode() == f"slot {len(path.slots)} of {len(path.slots)}: count from 0"
-        assert core.ruffini_stage_name(len(stages())) is None
-        assert core.ruffini_error().decode() == f"stage {len(stages())} of {len(stages())}: count from 0"
+        n = len(stage_slots())
+        for ask in (core.ruffini_stage_name, core.ruffini_stage_writes):
+            assert ask(n) is None
+            assert core.ruffini_error().decode() == f"stage {n} of {n}: count from 0"
+
+
+def test_a_board_writes_the_slots_of_its_stages() -> None:
+    written = {folder.name: board_of(folder) for folder in BOARDS}
+    assert written["gelslim"].writes("node_forces")
+    assert not written["ftouch"].writes("node_forces")
+    assert written["ftouch"].writes("targets")
+    assert [name for name, board in written.items() if board.writes("tool_touch")] == [
+        "stereo-fingertip",
+        "stereo-fingertip-thick",
+    ]

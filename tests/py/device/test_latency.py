@@ -37,5 +37,5 @@ def test_the_tail_is_said_of_a_thousand_frames() -> None:
 
 
 def test_no_whole_frame_is_said() -> None:
-    with pytest.raises(NoDeviceError, match="no frame came whole"):
+    with pytest.raises(NoDeviceError, match="no frame arrived complete"):
         summarize([], 10.0)

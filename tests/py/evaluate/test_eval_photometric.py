@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 from typer.testing import CliRunner
 
 from ruffini.boards import find_board
@@ -59,7 +60,7 @@ def write(folder: Path, size: tuple[int, int], n: int, off_px: float = 0.0) -> P
 
 
 def calibrate(folder: Path, out: Path) -> Path:
-    fit = fit_photometric(collect_samples(load_presses(folder), None))
+    fit = kept(fit_photometric, collect_samples(load_presses(folder), None))
     container.write(out, container.pack(dict(tabulate(fit.model)), container.base_metadata(BOARD)))
     return out
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from kept import kept
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
@@ -31,7 +32,7 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.parametrize("half", [0, 1])
 def test_half_of_the_presses_fitted_and_the_other_judged(half: int) -> None:
     presses = load_presses(FOLDER, ball_mm=BALL_MM, px_per_mm=PX_PER_MM)
-    fit = fit_presses(replace(presses, presses=presses.presses[half::2]), BOARD, is_foreign=True)
+    fit = kept(fit_presses, replace(presses, presses=presses.presses[half::2]), BOARD, is_foreign=True)
     assert fit.report["is_balanced"]
     assert fit.report["bend_stiffness"] is not None
     file = container.pack(fit.tensors, {**container.base_metadata(BOARD), **fit.metadata})

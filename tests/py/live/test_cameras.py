@@ -78,7 +78,7 @@ def test_the_daemon_is_told_the_cameras_serial() -> None:
     assert of_camera(MINI)[:2] == ("v4l2:/dev/video2", ("--serial", "28A1-T0FG"))
     assert of_camera(OTHER).options == ()
     assert of_camera(MINI._replace(serial="a b")).options == (), "ruffinid makes one up"
-    assert of_recording(Path("a/video.avi"))[:2] == ("replay:a/video.avi", ("--loop",))
+    assert of_recording(Path("a/video.avi"))[:2] == (Path("a/video.avi"), ("--loop",))
 
 
 def test_the_size_of_a_recording(tmp_path: Path) -> None:

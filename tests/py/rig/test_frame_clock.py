@@ -10,13 +10,13 @@ import pytest
 from hang import guard, until
 
 from ruffini import host_clock
-from ruffini.bell import Bell
 from ruffini.rig.frame_clock import FIRST_S, POLL_S, FrameClock
+from ruffini.wake_event import WakeEvent
 
 PERIOD_S, PATIENCE_S, GRACE_S = 0.05, 0.3, 0.6
 
 
-class StoppedBell(Bell):
+class StoppedEvent(WakeEvent):
     """Nobody rings it: who waits in vain has waited to the end, and so much of the real time is over."""
 
     def __init__(self) -> None:
@@ -30,10 +30,12 @@ class StoppedBell(Bell):
         return look()
 
 
-def a_clock(*, step: int = 1) -> tuple[FrameClock, StoppedBell]:
-    bell = StoppedBell()
-    clock = FrameClock(PERIOD_S, step=step, patience_s=PATIENCE_S, grace_s=GRACE_S, real=lambda: bell.real_s, bell=bell)
-    return clock, bell
+def a_clock(*, step: int = 1) -> tuple[FrameClock, StoppedEvent]:
+    event = StoppedEvent()
+    clock = FrameClock(
+        PERIOD_S, step=step, patience_s=PATIENCE_S, grace_s=GRACE_S, real=lambda: event.real_s, event=event
+    )
+    return clock, event
 
 
 def rung_clock() -> FrameClock:
@@ -51,10 +53,10 @@ def frames(clock: FrameClock, n: int) -> list[int]:
 
 
 def test_each_frame_takes_a_period_and_no_real_time():
-    clock, bell = a_clock()
+    clock, event = a_clock()
     assert frames(clock, 200) == list(range(1, 201))
     assert clock.now() == pytest.approx(200 * PERIOD_S)
-    assert bell.real_s == 100.0
+    assert event.real_s == 100.0
 
 
 def test_of_a_slow_body_only_some_of_the_cameras_frames_are_made():
@@ -77,13 +79,13 @@ def test_who_sleeps_wakes_with_the_frame_that_ends_it():
 
 
 def test_without_frames_time_goes_on_as_real_time_does_and_numbers_are_left_out():
-    clock, bell = a_clock()
+    clock, event = a_clock()
     frames(clock, 4)
-    bell.real_s += GRACE_S
+    event.real_s += GRACE_S
     assert clock.now() == pytest.approx(4 * PERIOD_S)
-    start_s = bell.real_s
+    start_s = event.real_s
     clock.sleep(6 * PERIOD_S)
-    assert bell.real_s - start_s == pytest.approx(6 * PERIOD_S, abs=POLL_S + 1e-9)
+    assert event.real_s - start_s == pytest.approx(6 * PERIOD_S, abs=POLL_S + 1e-9)
     before_s = clock.now()
     (number,) = frames(clock, 1)
     assert number > 4 + 6
@@ -91,13 +93,13 @@ def test_without_frames_time_goes_on_as_real_time_does_and_numbers_are_left_out(
 
 
 def test_a_frame_waits_until_the_one_before_was_read_but_not_for_ever():
-    clock, bell = a_clock()
+    clock, event = a_clock()
 
     def took_s() -> float:
         """Real time until the next frame is wanted."""
-        start_s = bell.real_s
+        start_s = event.real_s
         clock.next_frame()
-        return bell.real_s - start_s
+        return event.real_s - start_s
 
     took_s()
     assert took_s() == pytest.approx(FIRST_S)  # nobody has read yet
@@ -138,7 +140,7 @@ def test_who_waits_for_a_reader_is_woken_by_it(what):
 
 
 def test_a_clock_is_lent_to_every_thread_and_taken_back():
-    (clock, bell), told = a_clock(), list[float]()
+    (clock, event), told = a_clock(), list[float]()
     with host_clock.lent(clock):
         frames(clock, 3)
         thread = threading.Thread(target=lambda: told.append(host_clock.now()))
@@ -146,7 +148,7 @@ def test_a_clock_is_lent_to_every_thread_and_taken_back():
         thread.join()
         host_clock.has_seen(7)
         clock.next_frame()
-    assert bell.real_s == 100.0
+    assert event.real_s == 100.0
     assert told == [pytest.approx(3 * PERIOD_S)]
     before_s = time.monotonic()
     assert before_s <= host_clock.now() <= time.monotonic()

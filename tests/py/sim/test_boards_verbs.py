@@ -17,7 +17,9 @@ COARSER = {  # twin.toml so that every verb takes seconds: replaced, or appended
     "ftouch": ("", "\n[mesh]\ncells_x = 10\ncells_y = 8\n"),
     "stereo-fingertip": ("cells = 18", "cells = 8"),
 }
-SMALLER = {"eltac": 4, "ftouch": 2}  # pictures that are large: their sides are divided by this
+FEWER = 3  # the camera's rate is divided by this
+SMALLER = {"eltac": 4, "ftouch": 2, "stereo-fingertip": 2}  # pictures that are large: their sides are divided by this
+RATE = r"(?m)(^rate_mhz = )(\d+)"
 CAMERA_SIZES = r"((?:width_px|height_px|focal_mpx|center_x_mpx|center_y_mpx) = )(\d+)"
 
 
@@ -32,7 +34,9 @@ def board(request, tmp_path_factory):
     share, settings = SMALLER.get(request.param, 1), (folder / "board.toml").read_text()
     smaller, n = re.subn(CAMERA_SIZES, lambda found: f"{found[1]}{int(found[2]) // share}", settings)
     assert n == 5
-    (folder / "board.toml").write_text(smaller)
+    slower, n = re.subn(RATE, lambda found: f"{found[1]}{int(found[2]) // FEWER}", smaller)
+    assert n == 1
+    (folder / "board.toml").write_text(slower)
     return folder
 
 

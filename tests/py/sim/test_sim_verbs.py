@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 from command_line import refusal_in
+from twinless import board_without_twin
 
 from ruffini.boards import find_board
 
@@ -70,9 +71,9 @@ def test_bad_input_is_one_sentence_and_exit_code_2(board, ruffini, tmp_path, wor
 
 
 def test_board_without_optics_is_refused(ruffini, tmp_path):
-    out = ("--out", tmp_path / "out")
+    out, board = ("--out", tmp_path / "out"), board_without_twin(tmp_path).folder
     for words in (("sim", "press", *out), ("sim", "dataset", "--n", 1, *out), ("bench", "twin")):
-        done = ruffini(*words, "--board", "gelsight-mini")
+        done = ruffini(*words, "--board", board)
         assert done.code == 2
         assert "has no optics to simulate" in refusal_in(done.err)
     assert not (tmp_path / "out").exists()

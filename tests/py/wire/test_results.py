@@ -183,7 +183,7 @@ def test_parts_that_do_not_fit_each_other_are_an_error_with_a_remedy() -> None:
         {"force": nodes, "slip": {**nodes, "n_components": 3}},
     ]
     for result, message in [*hostile.items(), *((Field, schema.new("Field", **f)) for f in fields)]:
-        with pytest.raises(InputError, match="does not fit: update the host tools"):
+        with pytest.raises(InputError, match="is inconsistent: update the host tools"):
             result.from_message(message)
     assert Field.from_message(schema.new("Field", force=nodes)).force.shape == (2, 2, 3)
 

@@ -1,5 +1,5 @@
-// Reads a ruffini sensor from C++: bytes from its serial port in, newtons out. README.md in this folder has an example.
-// Standard library only, no thread, no system call: where the bytes come from is up to you.
+// C++ client for a ruffini sensor: takes the bytes of its serial port and returns forces in newtons. README.md in this
+// folder has an example. Standard library only, no thread, no system call: the caller reads the port.
 #pragma once
 
 #include "ruffini/client/decoder.h"   // IWYU pragma: export

@@ -26,15 +26,17 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.gates import MIN_PRESSES, Gate, failed
+from ruffini.calibrate.fit.job import Job
+from ruffini.calibrate.fit.run import finished, run_stages
+from ruffini.calibrate.gates import Gate, failed
 from ruffini.calibrate.report.html import Page
 from ruffini.daemon import running_daemon
 from ruffini.device import Connection, Contacts
 from ruffini.device.results import Contact
 from ruffini.errors import InputError, RefusedError
-from ruffini.estimators.fingertip.fit import LEAST, TOUCHES, fit_fingertip
-from ruffini.estimators.fingertip.presses import AREA, FORCE, PITCH, ROLL, WAY, X, Y, axes
-from ruffini.estimators.fingertip.tables import calibration
+from ruffini.estimators.fingertip.presses import AREA, axes
+from ruffini.estimators.fingertip.report import NAMES, figures_of, is_judged
+from ruffini.estimators.task import Turned
 from ruffini.files import write_whole
 from ruffini.sim.reproduce.make import reproduce
 from ruffini.sim.reproduce.runs import Run, runs_of
@@ -43,12 +45,8 @@ from ruffini.sim.settings import load_twin
 
 Array = npt.NDArray[np.float64]
 
-BENCH = "presses.toml"
-MAX_FORCE, MAX_WAY_MM, MAX_TILT_DEG = 0.05, 0.1, 5.0  # of presses left out, mean: of full scale; the issue's 0.1 mm
-MOST = 1.05  # of full scale, that is judged
 N_EYES = 2
 FRAME_S = 5.0  # longest wait for a frame of the line
-NAMES = {"force_n": FORCE, "way_mm": WAY, "x_mm": X, "y_mm": Y, "roll_deg": ROLL, "pitch_deg": PITCH}
 
 
 @dataclass
@@ -56,6 +54,7 @@ class TipAuto:
     """One run; `folder` keeps presses, calibration, pages and the result."""
 
     board: Board
+    task: Turned
     folder: Path
     baseline_mm: float
     say: Callable[[str], None]
@@ -76,21 +75,22 @@ class TipAuto:
         """
         presses = self.folder / "presses"
         with self._step("collect"):
-            reproduce(self.board, presses, bench=BENCH, quick=self.is_quick, progress=tenths("presses", self.say))
-        every = runs_of(load_reproduce(self.board, BENCH), quick=self.is_quick)
+            reproduce(
+                self.board, presses, bench=self.task.presses, quick=self.is_quick, progress=tenths("presses", self.say)
+            )
+        every = runs_of(load_reproduce(self.board, self.task.presses), quick=self.is_quick)
         judged = [r for r in every if r.settings.part == "judge" and (presses / r.key / "run.json").is_file()]
         if not judged:
             raise InputError(f"{presses}: no press of part 'judge' was made, so nothing could be judged")
         with self._step("judged before"):
             before = None if self.previous is None else self._judge(self.previous, presses, judged, "before")
         with self._step("fit and report"):
-            fit = fit_fingertip(self.board, presses, self.baseline_mm, tenths("fit", self.say), only="fit*")
-            gates = gates_of(fit.report, TOUCHES * self.board.contact.threshold_un * 1e-6)
-            if before is not None:
-                gates.append(than_before(fit.report, before))
-            file = calibration(self.board, fit, {"gates": [g._asdict() for g in gates]})
+            job = Job(self.board, [presses], self.previous, baseline_mm=self.baseline_mm, pattern="fit*")
+            outcomes = run_stages(job, frozenset(), tell=lambda *_: None, progress=self._fitting())
+            fitted = outcomes[self.task.name].report
+            file, gates = finished(job, outcomes, more=[] if before is None else [than_before(fitted, before)])
             container.write(self.folder / "calibration.safetensors", file)
-            self._page("report.html", "How presses left out of the fit are told", None, gates, fit.report)
+            self._page("report.html", "How presses left out of the fit are told", None, gates, fitted)
         bad = failed(gates)
         if bad and not self.force:
             raise RefusedError(
@@ -100,14 +100,14 @@ class TipAuto:
         with self._step("judged after"):
             after = self._judge(file, presses, judged, "after")
         result = {
-            "board": self.board.name, "quick": self.is_quick, "task": "fingertip", "unit": "mN mean of force",
+            "board": self.board.name, "quick": self.is_quick, "task": self.task.name, "unit": self.task.unit,
             "simulated": True, "folder": str(self.folder), "seconds": self.seconds, "sha256": file.sha256.hex(),
-            "presses": {"balls": 0, "fitted": int(fit.report["n_presses"]), "judged": len(judged)},
+            "presses": {"balls": 0, "fitted": int(fitted["n_presses"]), "judged": len(judged)},
             "passed": not bad, "before": before, "after": after, "clock": None,
             "gates": [gate._asdict() for gate in gates],
         }  # fmt: skip
         write_whole(self.folder / "result.json", json.dumps(result, indent=1).encode() + b"\n")
-        self._page("auto.html", f"off by {after['error']:.3g} {result['unit']}", after, gates, fit.report)
+        self._page("auto.html", f"off by {after['error']:.3g} {result['unit']}", after, gates, fitted)
         return result
 
     @contextlib.contextmanager
@@ -117,6 +117,10 @@ class TipAuto:
         yield
         self.seconds[name] = time.monotonic() - start
         self.say(f"{name}: {self.seconds[name]:.0f} s")
+
+    def _fitting(self) -> Callable[[str, float], None]:
+        tell = tenths("fit", self.say)
+        return lambda name, done: tell(done) if name == self.task.name else None
 
     def _judge(self, file: CalibrationFile, presses: Path, judged: list[Run], name: str) -> dict[str, Any]:
         """Flashed over a line, then each press over a line; against the twin's truth."""
@@ -157,8 +161,7 @@ class TipAuto:
                     said[sent.frame] = row_of(sent.contacts[0])
                 if sent.frame == len(said) - 1:
                     break
-        full_n = TOUCHES * self.board.contact.threshold_un * 1e-6
-        keep = (true[:, FORCE] > LEAST * full_n) & (true[:, FORCE] < MOST * full_n)
+        keep = is_judged(self.board, true)
         return said[keep], true[keep]
 
     def _page(
@@ -200,22 +203,6 @@ def tenths(
     return tell
 
 
-def gates_of(report: dict[str, Any], full_n: float) -> list[Gate]:
-    """Of the presses left out of a fit."""
-    left, n = report["mean_error_of_presses_left_out"]["both"], int(report["n_presses"])
-    part = left["force_n"] / full_n
-    tilt = max(left["roll_deg"], left["pitch_deg"])
-    return [
-        Gate("presses", n >= MIN_PRESSES, n, MIN_PRESSES, f"{n} presses, at least {MIN_PRESSES}"),
-        Gate("force", part <= MAX_FORCE, part, MAX_FORCE,
-             f"{100 * part:.2g} % of full scale, mean of presses left out, at most {100 * MAX_FORCE:g} %"),
-        Gate("way", left["way_mm"] <= MAX_WAY_MM, left["way_mm"], MAX_WAY_MM,
-             f"{left['way_mm']:.2g} mm, mean of presses left out, at most {MAX_WAY_MM:g} mm"),
-        Gate("tilt", tilt <= MAX_TILT_DEG, tilt, MAX_TILT_DEG,
-             f"{tilt:.2g} degrees, mean of presses left out, at most {MAX_TILT_DEG:g}"),
-    ]  # fmt: skip
-
-
 def than_before(report: dict[str, Any], before: dict[str, Any]) -> Gate:
     """A unit never gets worse: presses left out of the fit against what was in force, on the judged ones."""
     now, was = 1e3 * report["mean_error_of_presses_left_out"]["both"]["force_n"], before["error"]
@@ -253,15 +240,3 @@ def row_of(contact: Contact) -> Array:
     force = float(np.linalg.norm(tool.normal_force_n))
     x, y, way = (1e3 * v for v in (*tool.place_m, tool.way_m))
     return np.array([force, way, x, y, np.rad2deg(tool.roll_rad), np.rad2deg(tool.pitch_rad), 1e6 * contact.area])
-
-
-def figures_of(said: Array, true: Array, n_presses: int) -> dict[str, Any]:
-    """Means of absolute errors of the frames that are told."""
-    told = np.isfinite(said[:, FORCE])
-    off = np.abs(said - true)[told]
-    mean = {name: float(off[:, column].mean()) if told.any() else float("nan") for name, column in NAMES.items()}
-    return {
-        "error": 1e3 * mean["force_n"], "touches": n_presses, "frames": len(said), "told": int(told.sum()),
-        "mean": mean,
-        "largest_force_n": float(true[:, FORCE].max()), "against": "the twin's truth",
-    }  # fmt: skip

@@ -29,22 +29,14 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.auto.page import write_auto_page
-from ruffini.calibrate.auto.tasks import Counts, Task
 from ruffini.calibrate.auto.truth import Truth
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome
-from ruffini.calibrate.fit.run import finished, run_stages
-from ruffini.calibrate.gates import Gate, failed, gates_in, gates_of_stages
-from ruffini.calibrate.report.judged import report_of
-from ruffini.calibrate.report.page import write_page
+from ruffini.calibrate.fit.run import finished, gates_of_stages, run_stages
+from ruffini.calibrate.gates import Gate, failed, gates_in
 from ruffini.errors import RefusedError
-from ruffini.estimators.material.stage import SIGMA_M, TILT_M
-from ruffini.estimators.operator.fit import make_operator
-from ruffini.estimators.operator.gauge import gauge_uncertainty_m
-from ruffini.estimators.photometric import stage as photometric
-from ruffini.estimators.skin.report import skin_report_of, write_skin_page
-from ruffini.estimators.wrench.report import wrench_report_of, write_wrench_page
-from ruffini.fem.operators import Noise
+from ruffini.estimators.table import applying, reported_by
+from ruffini.estimators.task import Counts, Task
 from ruffini.files import read_array, write_array, write_whole
 from ruffini.rig.bench import Bench
 from ruffini.rig.collect import collect
@@ -152,27 +144,25 @@ class Auto:
             (self.folder / file).unlink(missing_ok=True)
 
     def _first(self) -> CalibrationFile | None:
-        """Colours by ball presses, and the operator of the board's own numbers; other estimators begin with nothing."""
-        if self.task.stage != "operator":
-            return None
-        done = self.folder / "before.safetensors"
+        """Tables of the board's own numbers, and what their touches are fitted to first; None: begins with nothing."""
+        done, job = self.folder / "before.safetensors", Job(self.board, [])
         if done.exists():
             return container.read(done)
-        noise = Noise(SIGMA_M, gauge_m=gauge_uncertainty_m(self.board), tilt_m=TILT_M)
-        kind = make_operator(self.board, method="support", noise=noise)
-        metadata = {**container.base_metadata(self.board), **kind.metadata}
-        if "photometric" not in self.board.pipeline.stages:  # depth by markers: no colours to learn
-            file = container.pack(kind.tensors, metadata)
-            container.write(done, file)
-            return file
-        balls = plan("balls", self.site.span, self.counts.balls, self.seed)
-        path = self._collect("balls", "balls", balls, self.seed, container.pack(kind.tensors, metadata))
-        job = Job(self.board, [path])
-        outcome = photometric.STAGE.run(job, lambda _: None)
-        self._tell("photometric", outcome)
-        said = {"gates": [gate._asdict() for gate in gates_of_stages({"photometric": outcome})]}
-        file = container.pack({**kind.tensors, **job.tensors},
-                              {**metadata, **job.metadata, "residuals": json.dumps(said)})  # fmt: skip
+        for estimator in applying(self.board):
+            estimator.start(job)
+        if not job.tensors:
+            return None
+        outcomes: dict[str, Outcome] = {}
+        for estimator in applying(self.board):
+            if program := estimator.first_program:
+                touches = plan(program, self.site.span, self.counts.balls, self.seed)
+                calibration = container.pack(job.tensors, job.header())
+                job.paths = [self._collect(program, program, touches, self.seed, calibration)]
+                outcomes[estimator.name] = outcome = estimator.fit(job, lambda _: None)
+                self._tell(estimator.name, outcome)
+        said = {"gates": [gate._asdict() for gate in gates_of_stages(self.board, outcomes)]}
+        metadata = {**job.header(), **({"residuals": json.dumps(said)} if outcomes else {})}
+        file = container.pack(job.tensors, metadata)
         container.write(done, file)
         return file
 
@@ -185,7 +175,7 @@ class Auto:
         more += [gate for part in parts for gate in gates_in(part) or []]
         file, gates = finished(job, outcomes, more=more)
         container.write(self.folder / "calibration.safetensors", file)
-        self._report(file, job, path)
+        reported_by(file).report(self.board, file, [path]).write_page(self.folder / "report.html")
         return file, gates
 
     def _than_before(self, path: Path, outcomes: dict[str, Outcome]) -> Gate:
@@ -201,15 +191,6 @@ class Auto:
             )
         text = f"touches left out err by {after:.3g}, with what was in force by {before:.3g} {self.task.unit}"
         return Gate(BETTER, bool(after < before), after, before, text)
-
-    def _report(self, file: CalibrationFile, job: Job, path: Path) -> None:
-        out = self.folder / "report.html"
-        if self.task.stage == "skin":
-            write_skin_page(out, file, skin_report_of(self.board, file, [path]))
-        elif self.task.stage in ("feature_wrench", "contact_model"):
-            write_wrench_page(out, file, wrench_report_of(self.board, file, [path]))
-        else:
-            write_page(out, self.board, file, report_of(self.board, file, job.log()))
 
     def _tell(self, name: str, outcome: Outcome) -> None:
         self.say(f"{name}: {outcome.state}, {outcome.text}")

@@ -1,4 +1,4 @@
-"""What a stage is, what it works on, and what it says."""
+"""What a fit works on, and how an estimator's part of it ends."""
 
 from __future__ import annotations
 
@@ -29,25 +29,16 @@ State = Literal["fitted", "given", "kept", "board", "open"]
 
 
 class Outcome(NamedTuple):
-    """How a stage ended, in one line, and its residuals for the report."""
+    """How an estimator's fit ended, in one line, and its residuals for the report."""
 
     state: State
     text: str
     report: dict[str, Any] = {}  # noqa: RUF012 - never written to
 
 
-class Stage(NamedTuple):
-    """One step of a fit. `keep` stands in where the person skips it."""
-
-    name: str
-    is_needed: Callable[[Job], bool]
-    run: Callable[[Job, Progress], Outcome]
-    keep: Callable[[Job], Outcome]
-
-
 @dataclass
 class Job:
-    """Inputs of a fit, and what its stages have found so far."""
+    """Inputs of a fit, and what its estimators have found so far."""
 
     board: Board
     paths: list[Path]
@@ -59,7 +50,10 @@ class Job:
     fleet: Prior | None = None
     is_finite: bool = False
     n_error_touches: int = 0
-    points: Path | None = None  # known points of a tube's lens, as `cal fit --only skin` has them
+    points: Path | None = None  # known points of a tube's lens
+    baseline_mm: float | None = None  # between the two eyes of a fingertip
+    only: str | None = None  # name of the one estimator that is fitted
+    pattern: str = "*"  # of the folders of presses that are used
 
     tensors: Tensors = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
@@ -81,6 +75,10 @@ class Job:
             )
         return self._log
 
+    def logs(self) -> list[Path]:
+        """Those of `cal collect`, of all paths."""
+        return [path for path in self.paths if path.suffix == ".h5"]
+
     def prior(self) -> Prior:
         """What is believed of the pad: the fleet's, else the previous calibration's, else the board's numbers."""
         if self.fleet is not None:
@@ -101,7 +99,7 @@ class Job:
             if file is not None and kind in file.kinds:
                 self.tensors |= {k: v for k, v in file.tensors.items() if k.split(".")[0] == kind}
                 self.metadata |= {k: v for k, v in file.metadata.items() if k.split(".")[0] == kind}
-                if kind == "photometric":
+                if kind in container.OPTICAL_KINDS:
                     self.metadata["optics"] = file.metadata.get("optics", "")
                 of = "a file that was given" if state == "given" else "the previous calibration"
                 return Outcome(state, f"that of {of}, made {file.metadata.get('created_utc', 'at an unknown time')}")

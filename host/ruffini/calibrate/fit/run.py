@@ -1,4 +1,4 @@
-"""`ruffini cal fit`: stage after stage over a job, then one file that carries its own report."""
+"""`ruffini cal fit`: estimator after estimator over a job, then one file that carries its own report."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome
-from ruffini.calibrate.fit.stages import STAGES
-from ruffini.calibrate.gates import Gate, gates_of, gates_of_reference, gates_of_skin, gates_of_stages, judged, verdict
+from ruffini.calibrate.gates import Gate, gates_of_reference, verdict
 from ruffini.calibrate.log.touches import file_sha256
 from ruffini.calibrate.log.warmth import celsius_ranges
 from ruffini.errors import InputError, RuffiniError
-from ruffini.estimators.skin.judge import judged_presses
+from ruffini.estimators.table import BY_NAME, applying
 from ruffini.rig.log_file import read_log
 
 Tell = Callable[[str, Outcome, float], None]  # stage, how it ended, seconds
@@ -27,60 +27,61 @@ Progress = Callable[[str, float], None]
 def run_stages(
     job: Job, skip: frozenset[str], *, tell: Tell, progress: Progress = lambda *_: None
 ) -> dict[str, Outcome]:
-    """Every stage that the board needs; what each says, by name.
+    """Every estimator that the board needs, or `job.only`, whatever the board; what each says, by name.
 
     Raises
     ------
     InputError
-        No such stage to skip, or one cannot do its work; the text names the stage.
+        No such estimator to skip, or one cannot do its work; the text names it.
     """
-    unknown = skip - {stage.name for stage in STAGES}
+    unknown = skip - BY_NAME.keys()
     if unknown:
-        names = ", ".join(stage.name for stage in STAGES)
-        raise InputError(f"--skip {', '.join(sorted(unknown))}: there is no such stage; there are {names}")
+        raise InputError(f"--skip {', '.join(sorted(unknown))}: there is no such stage; there are {', '.join(BY_NAME)}")
     outcomes: dict[str, Outcome] = {}
-    for stage in STAGES:
-        if not stage.is_needed(job):
-            continue
-        start = time.monotonic()
+    for estimator in applying(job.board) if job.only is None else (BY_NAME[job.only],):
+        name, start = estimator.name, time.monotonic()
         try:
-            if stage.name in skip:
-                outcomes[stage.name] = stage.keep(job)
-            else:
-                outcomes[stage.name] = stage.run(job, partial(progress, stage.name))
+            outcomes[name] = estimator.keep(job) if name in skip else estimator.fit(job, partial(progress, name))
         except RuffiniError as error:
-            error.add_note(f"in stage {stage.name}; --skip {stage.name} goes on without it")
+            if job.only is None:
+                error.add_note(f"in stage {name}; --skip {name} goes on without it")
             raise
-        tell(stage.name, outcomes[stage.name], time.monotonic() - start)
+        tell(name, outcomes[name], time.monotonic() - start)
+    if job.only is not None and not job.tensors:
+        raise InputError(f"stage {job.only} makes no table by itself: leave --only out")
     if not job.tensors:
         raise InputError(f"no stage made anything for board {job.board.name!r}: its pipeline needs no calibration")
     return outcomes
 
 
+def gates_of_stages(board: Board, outcomes: dict[str, Outcome]) -> list[Gate]:
+    """What each estimator judges of its own report."""
+    return [gate for name, outcome in outcomes.items() for gate in BY_NAME[name].gates(outcome.report, board)]
+
+
 def finished(
     job: Job, outcomes: dict[str, Outcome], serial: str = "*", *, more: Sequence[Gate] = ()
 ) -> tuple[CalibrationFile, list[Gate]]:
-    """The calibration file with stages, gates (`more`: judged elsewhere) and origin in its manifest, and the gates."""
+    """The calibration file with stages, gates (`more`: judged elsewhere) and origin in its manifest, and the gates.
+
+    Tables of `job.only` replace those of their kinds in the previous calibration, if there is one.
+    """
     metadata = {**job.header(), "sensor_serial": serial}
-    if "operator" in job.board.pipeline.stages:
-        log = job.log()
-        previous = judged(job.board, job.previous, log) if job.previous is not None else None
-        now = judged(job.board, container.pack(job.tensors, metadata), log)
-        gates, touches = gates_of(job.board, log, outcomes, job.fit, now, previous), log.touch_facts
-    else:
-        logs = [path for path in job.paths if path.suffix == ".h5"]
-        found, touches = _said(logs)
-        gates = [*gates_of_reference(found), *gates_of_stages(outcomes)]
-        if "skin" in job.board.pipeline.stages and logs:
-            gates += gates_of_skin(judged_presses(job.board, container.pack(job.tensors, metadata), logs))
-    gates += more
+    base = None if job.only is None else job.previous
+    if base is not None:
+        metadata |= {key: base.metadata[key] for key in ("sensor_serial", "gel_serial")}
+    file = container.pack(job.tensors, metadata)
+    found, touches = _said(job.logs())
+    gates = [gate for name in outcomes for gate in BY_NAME[name].gates_of_log(job, file)]
+    gates += [*gates_of_reference(found), *gates_of_stages(job.board, outcomes), *more]
     residuals: dict[str, Any] = {
         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
         "gates": [gate._asdict() for gate in gates], "logs": {path.name: file_sha256(path) for path in job.paths},
         "valid_for": {"temperature_c": celsius_ranges(touches)},
     }  # fmt: skip
     said = {"residuals": _ascii(residuals), "gates": verdict(gates)}
-    return container.pack(job.tensors, {**metadata, **said}), gates
+    file = container.pack(job.tensors, {**metadata, **said})
+    return file if base is None else container.merge([base, file]), gates
 
 
 def _said(logs: list[Path]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -22,9 +22,10 @@ from ruffini.calibrate import container
 from ruffini.calibrate.log.touches import TouchLog, read_touch_log
 from ruffini.errors import InputError, RuffiniError
 from ruffini.estimators.material.fit import MIN_TOUCHES, MaterialFit, MaterialProblem, log_of_touches
+from ruffini.estimators.material.judge import touch_figures
 from ruffini.estimators.material.model import MaterialLog, Predictor
 from ruffini.estimators.material.prior import LEAST_SPREAD, Prior, fleet_prior
-from ruffini.estimators.material.stage import SIGMA_M, TILT_M, touch_figures
+from ruffini.estimators.material.stage import SIGMA_M, TILT_M
 from ruffini.estimators.operator.fit import Material
 from ruffini.estimators.operator.gauge import gauge_uncertainty_m
 from ruffini.fem.operators import Noise

@@ -213,8 +213,9 @@ def _of_recording(path: Path, board: Board, calibration: CalibrationFile | None,
 
 
 def file_sha256(path: Path) -> str:
-    """Of a file, or of a recording's settings and reference."""
+    """Of a file, or of what a recording or a folder of them says beside its frames."""
     files = [path] if path.is_file() else [p for p in sorted(path.iterdir()) if p.is_file()]
+    files = files or [p for p in sorted(path.rglob("*")) if p.is_file() and p.parent.name != "frames"]
     digest = hashlib.sha256()
     for file in files:
         digest.update(readable(file).read_bytes())

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate import container
+from ruffini.calibrate.gates import Gate, at_most
 from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -22,6 +23,7 @@ Array = npt.NDArray[np.float64]
 MIN_FRAMES = 8
 LIT_LEVEL = 96.0  # grey levels that a hundredth of a dark frame may reach: more is a lamp that is on
 SIXTEENTHS = 16
+MAX_DARK = 64.0  # grey levels
 
 
 @dataclass(frozen=True)
@@ -86,3 +88,8 @@ def dark_of(file: container.CalibrationFile) -> Array:
     if "dark.image" not in file.tensors:
         raise InputError("the file holds no dark frame: make one with `ruffini cal fit --only dark`")
     return file.tensors["dark.image"].astype(float) / SIXTEENTHS
+
+
+def gates_of_dark(report: dict[str, Any]) -> list[Gate]:
+    """Of a dark frame's report."""
+    return [at_most("dark level", max(report["level_bgr"]), MAX_DARK, "grey levels with the lamps off")]

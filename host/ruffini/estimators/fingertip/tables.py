@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
-from ruffini.calibrate.gates import gates_of_tip, manifest_of
 from ruffini.estimators.fingertip.face import FaceTable, cells, rays
 from ruffini.estimators.fingertip.field import kernel, places
 from ruffini.estimators.fingertip.fit import GATE_PX, MOST, TO_BOARD, TipFit, tip_radius_mm
@@ -22,8 +21,8 @@ def _whole(values: npt.ArrayLike) -> npt.NDArray[np.int32]:
     return np.round(np.asarray(values, dtype=float)).astype(np.int32)
 
 
-def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
-    """Tensors by name."""
+def tables(fit: TipFit) -> tuple[dict[str, npt.NDArray[Any]], dict[str, str]]:
+    """Tensors and metadata by name."""
     bench, modes, radius = fit.bench, fit.modes, fit.bench.eyes.radius_mm
     nets = [mode.network for mode in modes]
     out = {
@@ -44,7 +43,8 @@ def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
         out[f"bias{layer + 1}"] = [net.biases[layer] * Q16 for net in nets]
     if modes[0].face is not None:
         out |= face_tables(modes[0].face, radius, tip_radius_mm(bench))
-    return {f"fingertip.{name}": _whole(values) for name, values in out.items()}
+    most_un = round(MOST * bench.scale.full_n * 1e6)
+    return {f"fingertip.{name}": _whole(values) for name, values in out.items()}, {"fingertip.most_un": str(most_un)}
 
 
 def face_tables(face: FaceTable, radius_mm: float, tip_mm: float) -> dict[str, npt.ArrayLike]:
@@ -56,12 +56,7 @@ def face_tables(face: FaceTable, radius_mm: float, tip_mm: float) -> dict[str, n
     }  # fmt: skip
 
 
-def calibration(board: Board, fit: TipFit, more: dict[str, Any] | None = None) -> CalibrationFile:
-    """The file of a fit; `more` goes beside its report."""
-    meta = {
-        **base_metadata(board),
-        "kinds": "fingertip",
-        **manifest_of({**fit.report, **(more or {})}, gates_of_tip(fit.report)),
-    }
-    meta["fingertip.most_un"] = str(round(MOST * fit.bench.scale.full_n * 1e6))
-    return pack(tables(fit), meta)
+def calibration(board: Board, fit: TipFit) -> CalibrationFile:
+    """A file of a fit alone."""
+    tensors, metadata = tables(fit)
+    return pack(tensors, {**base_metadata(board), **metadata})

@@ -12,8 +12,9 @@ import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from ruffini.boards import Board
-from ruffini.calibrate.fit.job import Job, Outcome, Progress, Stage
+from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.log.touches import TouchLog
+from ruffini.estimators.base import Estimator
 from ruffini.estimators.material.fit import force_size
 from ruffini.estimators.material.stage import material_noise
 from ruffini.estimators.operator.fit import board_slab, board_window_m, observed_unknowns, second_pass
@@ -27,24 +28,6 @@ Array = npt.NDArray[np.float64]
 MIN_REST = 10  # untouched frames
 LEAST_M = 0.5e-6  # four steps of the displacement: what rounding and interpolation leave at best
 MAX_TOUCHES = 60  # the strongest frame of each: more tell no more
-
-
-def run(job: Job, progress: Progress) -> Outcome:
-    """Measure both, and take the larger."""
-    log, usual = job.log(), material_noise(job)
-    with threadpool_limits(limits=1):
-        touched = unexplained_m(job, log, usual)
-    progress(1.0)
-    plane = _planes(job.board)
-    rest = np.array([_rms(frame, plane) for frame in log.rest]) if len(log.rest) >= MIN_REST else np.zeros((1, 3))
-    at_rest = np.sqrt(np.square(rest).mean(axis=0))
-    x, y, z = np.maximum(np.maximum(at_rest, touched), LEAST_M)
-    job.noise = Noise((float(x), float(y), float(z)), gauge_m=usual.gauge_m, tilt_m=usual.tilt_m)
-    report = {"rest_um": (at_rest * 1e6).tolist() if len(log.rest) >= MIN_REST else None, "rest_frames": len(log.rest),
-              "touched_um": (touched * 1e6).tolist(), "used_um": [1e6 * float(v) for v in (x, y, z)]}  # fmt: skip
-    return Outcome("fitted", "displacement off by " + ", ".join(f"{1e6 * v:.1f}" for v in (x, y, z))
-                   + f" um (x, y, z) under a touch, {_text(at_rest)} at rest ({len(log.rest)} frames)",
-                   report)  # fmt: skip
 
 
 def unexplained_m(job: Job, log: TouchLog, noise: Noise) -> Array:
@@ -87,17 +70,39 @@ def _text(values: Array) -> str:
     return ", ".join(f"{1e6 * v:.1f}" for v in values)
 
 
-def keep(job: Job) -> Outcome:
-    """What `cal fit --only operator` takes without measuring."""
-    job.noise = material_noise(job)
-    return Outcome(
-        "board", "as `cal fit --only operator` takes it: " + _text(np.array(job.noise.sigma_m)) + " um (x, y, z)"
-    )
+class NoiseEstimator(Estimator):
+    """The noise that the operator weighs displacements by."""
+
+    name = "noise"
+    kinds = ()
+
+    def applies(self, board: Board) -> bool:
+        return "support" in board.pipeline.stages
+
+    def fit(self, job: Job, progress: Progress) -> Outcome:
+        """Measure both, and take the larger."""
+        log, usual = job.log(), material_noise(job)
+        with threadpool_limits(limits=1):
+            touched = unexplained_m(job, log, usual)
+        progress(1.0)
+        plane = _planes(job.board)
+        rest = np.array([_rms(frame, plane) for frame in log.rest]) if len(log.rest) >= MIN_REST else np.zeros((1, 3))
+        at_rest = np.sqrt(np.square(rest).mean(axis=0))
+        x, y, z = np.maximum(np.maximum(at_rest, touched), LEAST_M)
+        job.noise = Noise((float(x), float(y), float(z)), gauge_m=usual.gauge_m, tilt_m=usual.tilt_m)
+        rest_um = (at_rest * 1e6).tolist() if len(log.rest) >= MIN_REST else None
+        report = {"rest_um": rest_um, "rest_frames": len(log.rest),
+                  "touched_um": (touched * 1e6).tolist(), "used_um": [1e6 * float(v) for v in (x, y, z)]}  # fmt: skip
+        return Outcome("fitted", "displacement off by " + ", ".join(f"{1e6 * v:.1f}" for v in (x, y, z))
+                       + f" um (x, y, z) under a touch, {_text(at_rest)} at rest ({len(log.rest)} frames)",
+                       report)  # fmt: skip
+
+    def keep(self, job: Job) -> Outcome:
+        """What `cal fit --only operator` takes without measuring."""
+        job.noise = material_noise(job)
+        return Outcome(
+            "board", "as `cal fit --only operator` takes it: " + _text(np.array(job.noise.sigma_m)) + " um (x, y, z)"
+        )
 
 
-def is_needed(job: Job) -> bool:
-    """Whether forces are solved for by finite elements with a second pass."""
-    return "support" in job.board.pipeline.stages
-
-
-STAGE = Stage("noise", is_needed, run, keep)
+NOISE = NoiseEstimator()

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.boards import Board
 from ruffini.calibrate.container import Tensors
-from ruffini.calibrate.fit.job import Job, Outcome, Progress, Stage
+from ruffini.calibrate.fit.job import Job, Outcome, Progress
+from ruffini.calibrate.gates import Gate, at_least, at_most, near, part
 from ruffini.errors import InputError
+from ruffini.estimators.base import Estimator
 from ruffini.estimators.photometric.fit import collect_samples
 from ruffini.estimators.photometric.fitted import fit_presses
 from ruffini.estimators.photometric.pad_view import pad_view
@@ -24,31 +28,11 @@ from ruffini.estimators.photometric.scale import fit_scale, scaled
 from ruffini.rig.log_file import Log, read_log
 
 PRESS = "press"  # kind of a touch that a stage makes
+MAX_NORMAL_DEG = 7.0  # of ball presses left out, median: what recorded presses of a good unit reach
+MIN_PLACES = 3  # forty copies of one press are one press
+MAX_CAP = 0.05  # of the ball's diameter
+MAX_SCALE = 1.3  # times the board's pixels a millimetre: mounting and lens of a unit differ by less
 ENOUGH = 12  # presses for a table of its own; with fewer a previous one is only scaled
-
-
-def run(job: Job, progress: Progress) -> Outcome:
-    """Fit, adapt, or take what there is.
-
-    Raises
-    ------
-    InputError
-        No presses, no table that was given, no previous one.
-    """
-    if job.balls is None and any("photometric" in part.kinds for part in job.parts):
-        return _taken(job)
-    with tempfile.TemporaryDirectory(prefix="ruffini-") as folder:
-        presses = _presses(job, Path(folder))
-        if presses is None:
-            return _taken(job)
-        job.has_new_colours = True
-        view, n = pad_view(job.board, job.tensors, job.metadata), len(presses.presses)
-        if n < ENOUGH and job.take("photometric") is not None and "photometric.unmix" in job.tensors:
-            return _adapted(job, n, fit_scale(job.tensors, collect_samples(presses, view)))
-        fit = fit_presses(presses, job.board, is_foreign=False, view=view, progress=progress)
-    job.tensors = {k: v for k, v in job.tensors.items() if not k.startswith("photometric.")} | fit.tensors
-    job.metadata["optics"] = job.board.camera.optics
-    return Outcome("fitted", fit.summary, fit.report)
 
 
 def _adapted(job: Job, n: int, fit: tuple[float, float, float, float]) -> Outcome:
@@ -77,7 +61,7 @@ def _taken(job: Job) -> Outcome:
 def _presses(job: Job, folder: Path) -> PressSet | None:
     if job.balls is not None:
         return load_presses(job.balls, may_find=True, at_least=1 if job.previous is not None else 3)
-    logs = [read_log(path) for path in job.paths if path.suffix == ".h5"]
+    logs = [read_log(path) for path in job.logs()]
     n = sum(_write_presses(log, folder, i) for i, log in enumerate(logs))
     if not n or (n < ENOUGH and job.previous is None and not job.parts):
         return None
@@ -114,9 +98,59 @@ def _write(path: Path, image: npt.NDArray[np.uint8]) -> None:
         raise InputError(f"{path} cannot be written: make room in the folder for temporary files (TMPDIR)")
 
 
-def is_needed(job: Job) -> bool:
-    """Whether the board's depth comes from colours."""
-    return "photometric" in job.board.pipeline.stages
+class Photometric(Estimator):
+    """Colours to slopes, or brightness to depth."""
+
+    name = "photometric"
+    kinds = ("photometric",)
+    first_program = "balls"
+
+    def applies(self, board: Board) -> bool:
+        return "photometric" in board.pipeline.stages
+
+    def fit(self, job: Job, progress: Progress) -> Outcome:
+        """Fit, adapt, or take what there is.
+
+        Raises
+        ------
+        InputError
+            No presses, no table that was given, no previous one.
+        """
+        if job.balls is None and any("photometric" in part.kinds for part in job.parts):
+            return _taken(job)
+        with tempfile.TemporaryDirectory(prefix="ruffini-") as folder:
+            presses = _presses(job, Path(folder))
+            if presses is None:
+                return _taken(job)
+            job.has_new_colours = True
+            view, n = pad_view(job.board, job.tensors, job.metadata), len(presses.presses)
+            if n < ENOUGH and job.take("photometric") is not None and "photometric.unmix" in job.tensors:
+                return _adapted(job, n, fit_scale(job.tensors, collect_samples(presses, view)))
+            fit = fit_presses(presses, job.board, is_foreign=False, view=view, progress=progress)
+        job.tensors = {k: v for k, v in job.tensors.items() if not k.startswith("photometric.")} | fit.tensors
+        job.metadata["optics"] = job.board.camera.optics
+        return Outcome("fitted", fit.summary, fit.report)
+
+    def keep(self, job: Job) -> Outcome:
+        """What was given, or the previous calibration's."""
+        return _taken(job)
+
+    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+        """Normals or depth of presses left out, number of places, scale."""
+        if "n_places" not in report:  # a table that was adapted or taken
+            return []
+        gates = [at_least("places", report["n_places"], MIN_PLACES, "different places or depths")]
+        if "held_out_normal_median_deg" in report:
+            off_deg = float(report["held_out_normal_median_deg"])
+            gates.append(at_most("normals", off_deg, MAX_NORMAL_DEG, "deg, median of ball presses left out"))
+        elif (held_out := report.get("held_out_cap_rms_mm")) is not None:
+            off = held_out / report["ball_mm"]
+            gates.append(part("depth", off, MAX_CAP, "of the ball's diameter: RMS of presses left out"))
+        else:
+            gates.append(Gate("depth", None, None, None, "one press: none can be left out"))
+        if report.get("scale_of_board") is not None:
+            gates.append(near("scale", report["scale_of_board"], MAX_SCALE, "of the board's pixels a millimetre"))
+        return gates
 
 
-STAGE = Stage("photometric", is_needed, run, _taken)
+PHOTOMETRIC = Photometric()

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.calibrate.fit.job import HELD_S, Job, Outcome, Progress, Stage, left_after
+from ruffini.boards import Board
+from ruffini.calibrate.fit.job import HELD_S, Job, Outcome, Progress, left_after
+from ruffini.calibrate.gates import Gate, at_most, near
 from ruffini.calibrate.log.touches import Series
 from ruffini.errors import InputError
+from ruffini.estimators.base import Estimator
 from ruffini.estimators.relaxation.fit import RelaxationFit, RelaxationLog, fit_relaxation, lost_of
 
 Array = npt.NDArray[np.float64]
@@ -19,31 +24,7 @@ ROUNDS = 3  # the touches' factors depend on what is fitted
 LEAST_FACTOR = 0.1
 STILL = 0.02  # of the largest force, from frame to frame
 
-
-def run(job: Job, progress: Progress) -> Outcome:
-    """Fit where touches were held long enough and the device said forces all the while."""
-    if job.previous is not None and "relaxation" in job.previous.kinds:
-        return keep(job)  # what the device said is compensated already
-    series = [s for s in job.log().series if np.isfinite(s.device).all() and np.isfinite(s.reference).all()]
-    longest_s = max((held_s(s) for s in series), default=0.0)
-    if longest_s < LEAST_HOLD_S:
-        return _without(job, f"no touch is held for {LEAST_HOLD_S:g} s: hold some for longer (--hold-s)")
-    order = sorted(series, key=lambda s: float(s.time_s[0]))
-    try:
-        fit, said = _by_touch(order)
-    except InputError as error:
-        return _without(job, str(error))
-    progress(1.0)
-    before_n, after_n = (_rmse_still(order, w) for w in ([_factor(s, s.device) * s.device for s in order], said))
-    if not (fit.loss >= LEAST_LOSS and after_n <= (1 - LEAST_GAIN) * before_n):
-        return _without(job, f"a loss of {100 * fit.loss:.1f} % of a held force explains too little to be believed")
-    tensors, metadata = fit.tensors()
-    job.tensors |= tensors
-    job.metadata |= metadata
-    job.instant_gain = 1 / left_after(job.tensors, HELD_S)
-    terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
-    return Outcome("fitted", f"of the force at once goes {terms}; touches that are held still err by "
-                   f"{1e3 * before_n:.1f} -> {1e3 * after_n:.1f} mN RMS", fit.report())  # fmt: skip
+MAX_GAIN = 2.0  # of the force at once over that of the calibration
 
 
 def held_s(series: Series) -> float:
@@ -102,18 +83,56 @@ def _without(job: Job, why: str) -> Outcome:
     return Outcome("kept", f"{why}; {kept.text}")
 
 
-def keep(job: Job) -> Outcome:
-    """The previous calibration's, or none."""
-    kept = job.take("relaxation")
-    if kept is None:
-        return Outcome("board", "none")
-    job.instant_gain = 1 / left_after(job.tensors, HELD_S)
-    return kept
+class Relaxation(Estimator):
+    """What the second pass compensates."""
+
+    name = "relaxation"
+    kinds = ("relaxation",)
+
+    def applies(self, board: Board) -> bool:
+        return "support" in board.pipeline.stages
+
+    def fit(self, job: Job, progress: Progress) -> Outcome:
+        """Fit where touches were held long enough and the device said forces all the while."""
+        if job.previous is not None and "relaxation" in job.previous.kinds:
+            return self.keep(job)  # what the device said is compensated already
+        series = [s for s in job.log().series if np.isfinite(s.device).all() and np.isfinite(s.reference).all()]
+        longest_s = max((held_s(s) for s in series), default=0.0)
+        if longest_s < LEAST_HOLD_S:
+            return _without(job, f"no touch is held for {LEAST_HOLD_S:g} s: hold some for longer (--hold-s)")
+        order = sorted(series, key=lambda s: float(s.time_s[0]))
+        try:
+            fit, said = _by_touch(order)
+        except InputError as error:
+            return _without(job, str(error))
+        progress(1.0)
+        before_n, after_n = (_rmse_still(order, w) for w in ([_factor(s, s.device) * s.device for s in order], said))
+        if not (fit.loss >= LEAST_LOSS and after_n <= (1 - LEAST_GAIN) * before_n):
+            return _without(job, f"a loss of {100 * fit.loss:.1f} % of a held force explains too little to be believed")
+        tensors, metadata = fit.tensors()
+        job.tensors |= tensors
+        job.metadata |= metadata
+        job.instant_gain = 1 / left_after(job.tensors, HELD_S)
+        terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
+        return Outcome("fitted", f"of the force at once goes {terms}; touches that are held still err by "
+                       f"{1e3 * before_n:.1f} -> {1e3 * after_n:.1f} mN RMS", fit.report())  # fmt: skip
+
+    def keep(self, job: Job) -> Outcome:
+        """The previous calibration's, or none."""
+        kept = job.take("relaxation")
+        if kept is None:
+            return Outcome("board", "none")
+        job.instant_gain = 1 / left_after(job.tensors, HELD_S)
+        return kept
+
+    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+        if "rmse_after_n" not in report:
+            return []
+        left = report["rmse_after_n"] / max(report["rmse_before_n"], 1e-9)
+        return [
+            at_most("relaxation", left, 1.0, "times the force error without it"),
+            near("relaxation gain", report["gain"], MAX_GAIN, "of the calibration's force"),
+        ]
 
 
-def is_needed(job: Job) -> bool:
-    """Whether the board has the second pass that compensates it."""
-    return "support" in job.board.pipeline.stages
-
-
-STAGE = Stage("relaxation", is_needed, run, keep)
+RELAXATION = Relaxation()

@@ -1,7 +1,6 @@
 """`cal fit --only skin`: a glowing skin's kind `skin` of proto/CALIBRATION.md, from known points and presses.
 
-Two files can be made of the same presses: taxels with all that `skin_response` and `skin_places` fit, or, as in the
-paper, one quadratic of force over the brightness of the brightest pixel and places by the lens alone.
+Taxels have all that `response` and `places` fit to presses.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from ruffini.estimators.skin.openings import Openings, TubeView, find_openings, 
 from ruffini.estimators.skin.pairs import most_excess
 from ruffini.estimators.skin.places import PlaceFit, errors, fit_places
 from ruffini.estimators.skin.presses import (
-    TOUCHED_N,
     Press,
     n_untouched,
     press_folders,
@@ -51,14 +49,10 @@ Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 RATIO_STEP, RATIO_SIZE = 64, 577  # of firmware/stages/skin/taxel_tables.h
-CURVE_STEP_Q2, CURVE_SIZE = 16, 513  # of firmware/stages/skin/skin_image.h
-PLACE_STEP_LOG2 = 2
 STRAY_LIMIT_Q6 = (
     32  # light from outside: half a level of the weighted sum, ten times a patch's noise and JPEG's ringing
 )
-MAX_PLACE_UM = 1_000_000
 SIGMAS = 1.3  # stated over what the fit's own presses err by: other tips and places err more
-PAPER_SIGMA_PX = 2.0  # of the smoothing filter (firmware/image/glow.h)
 N_FOLDS = 5
 CELLS = 3
 
@@ -242,34 +236,3 @@ def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:
         "relaxation.terms": len(TIMES_S),
     }  # fmt: skip
     return pack(tensors, {**base_metadata(board), **{k: str(v) for k, v in numbers.items()}})
-
-
-def paper_file(board: Board, view: TubeView, curve: Array) -> CalibrationFile:
-    """The calibration of the paper's own method: eq. (3) and F(I) = curve[0] I^2 + curve[1] I + curve[2], N."""
-    height, width = board.camera.height_px, board.camera.width_px
-    lines = [np.arange(((n - 2) >> PLACE_STEP_LOG2) + 2) * (1 << PLACE_STEP_LOG2) for n in (width, height)]
-    x, y = np.meshgrid(*lines)
-    place_um = view.unproject(np.column_stack([x.ravel(), y.ravel()]).astype(float)) * 1e3
-    limited = np.clip(np.round(place_um), -MAX_PLACE_UM, MAX_PLACE_UM).astype(np.int32)
-    level = np.arange(CURVE_SIZE) * CURVE_STEP_Q2 / 4
-    force_un = np.clip(np.round(np.polyval(curve, level) * 1e6), 0, 1e9).astype(np.int32)
-    tensors: Tensors = {"skin.place": limited.reshape(*x.shape, 2), "skin.curve": force_un}
-    return pack(tensors, {**base_metadata(board), "skin.step_log2": str(PLACE_STEP_LOG2)})
-
-
-def fit_curve(board: Board, presses: Path, most_n: float, progress: Progress = lambda _: None) -> Array:
-    """p1, p2, p3 of the paper's curve (N, levels), from the brightest pixel of every pressed frame up to `most_n`."""
-    import cv2
-
-    skin, pairs = skin_of(board), []
-    folders = press_folders(presses)
-    for done, folder in enumerate(folders, 1):
-        _, force, _ = reference_of(folder, board)
-        rest = weighted(untouched(board, folder), skin)
-        for picture, load in zip(Frames(folder), force, strict=True):
-            if TOUCHED_N < load <= most_n:
-                glow = cv2.GaussianBlur(weighted(picture, skin) - rest, (0, 0), PAPER_SIGMA_PX)
-                pairs.append((float(glow.max()), load))
-        progress(done / len(folders))
-    values = np.array(pairs)
-    return np.asarray(np.polyfit(values[:, 0], values[:, 1], 2))

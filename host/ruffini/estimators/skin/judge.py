@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.gates import HARD_N, Gate, part
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
 from ruffini.estimators.skin.log import PicturedPress, pictured_presses, read_skin_log
@@ -17,6 +18,7 @@ from ruffini.estimators.skin.presses import TOUCHED_N, Progress
 Array = npt.NDArray[np.float64]
 
 TOUCH, REFERENCE, SAID, PLACE_X, PLACE_Y, OFF_X, OFF_Y = range(7)  # columns: number, N, N, mm
+MAX_SKIN_ERROR = 0.10  # of a press left out above 2 N, mean: what brightness alone does without taxels
 APART_S = 1000.0  # from press to press: what the skin remembers is gone by then
 
 
@@ -68,3 +70,12 @@ def _judged(pipeline: Pipeline, board: Board, press: PicturedPress, number: int)
                 off[0] = (off[0] + round_mm / 2) % round_mm - round_mm / 2
             rows.append(np.array([number, force_n, force, *press.place_mm, *off]))
     return rows
+
+
+def gates_of_skin(rows: Array) -> list[Gate]:
+    """On the board's integers: `rows` as of `judged_presses`, those above HARD_N."""
+    hard = rows[rows[:, REFERENCE] > HARD_N]
+    if not len(hard):
+        return [Gate("on the board", None, None, None, f"no picture of the log is pressed with more than {HARD_N:g} N")]
+    off = np.abs(hard[:, SAID] / hard[:, REFERENCE] - 1)
+    return [part("on the board", float(off.mean()), MAX_SKIN_ERROR, "of the force: mean of the board's integers")]

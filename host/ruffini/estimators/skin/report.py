@@ -10,13 +10,21 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.gates import HARD_N, Gate, failed, gates_in, gates_of_reference, gates_of_skin
+from ruffini.calibrate.gates import HARD_N, Gate, failed, gates_in, gates_of_reference
 from ruffini.calibrate.log.touches import file_sha256
 from ruffini.calibrate.log.warmth import celsius_ranges
 from ruffini.calibrate.report.fewer_presses import accuracy_in
-from ruffini.calibrate.report.judged import about
-from ruffini.calibrate.report.page import fewer_presses_table, range_table, report_head
-from ruffini.estimators.skin.judge import OFF_X, PLACE_X, PLACE_Y, REFERENCE, SAID, TOUCH, judged_presses
+from ruffini.calibrate.report.page import about, fewer_presses_table, range_table, report_head
+from ruffini.estimators.skin.judge import (
+    OFF_X,
+    PLACE_X,
+    PLACE_Y,
+    REFERENCE,
+    SAID,
+    TOUCH,
+    gates_of_skin,
+    judged_presses,
+)
 from ruffini.estimators.skin.log import read_skin_log
 from ruffini.estimators.skin.presses import Progress
 

@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from ruffini.calibrate.fit.job import Job, Outcome, Progress, Stage
+from itertools import chain
+from typing import Any
+
+from ruffini.boards import Board
+from ruffini.calibrate.fit.job import Job, Outcome, Progress
+from ruffini.calibrate.gates import Gate, at_most
 from ruffini.errors import InputError
-from ruffini.estimators.threshold.fit import MIN_FRAMES, fit_contact_noise
-
-
-def run(job: Job, progress: Progress) -> Outcome:
-    """Fit where the log holds enough untouched frames."""
-    rest = job.log().rest
-    if job.matrix is None or len(rest) < MIN_FRAMES:
-        return _without(job, f"{len(rest)} untouched frames in the log, {MIN_FRAMES} are needed")
-    rows, columns = job.board.observed
-    shape = (len(rest), rows.stop - rows.start, columns.stop - columns.start, 3)
-    pressure = -(rest.reshape(len(rest), -1) @ job.matrix.T).reshape(shape)[..., 2]
-    try:
-        fit = fit_contact_noise(pressure, job.board.pipeline.n_rest_frames, progress=progress)
-    except InputError as error:
-        return _without(job, str(error))
-    job.tensors |= fit.tensors()
-    return Outcome("fitted", f"four neighbours above {1e3 * fit.square_n:.2f} mN, or one above "
-                   f"{1e3 * fit.alone_n:.2f} mN", fit.report())  # fmt: skip
+from ruffini.estimators.base import Estimator
+from ruffini.estimators.threshold.fit import MIN_FRAMES, ContactNoise, fit_contact_noise, linear_pressure
+from ruffini.frames import read_frames
 
 
 def _without(job: Job, why: str) -> Outcome:
@@ -29,14 +19,49 @@ def _without(job: Job, why: str) -> Outcome:
     return Outcome("open", why) if kept is None else Outcome("kept", f"{why}; {kept.text}")
 
 
-def keep(job: Job) -> Outcome:
-    """The previous calibration's, or board.toml's threshold alone."""
-    return job.take("contact") or Outcome("board", "threshold of board.toml")
+class Threshold(Estimator):
+    """Where forces count as a contact."""
+
+    name = "threshold"
+    kinds = ("contact",)
+
+    def applies(self, board: Board) -> bool:
+        return "support" in board.pipeline.stages
+
+    def fit(self, job: Job, progress: Progress) -> Outcome:
+        """Fit where the log holds enough untouched frames; alone also to recordings of the untouched pad."""
+        if job.only == self.name and not job.logs():
+            if job.previous is None:
+                raise InputError("untouched frames are judged with this unit's calibration: give --previous FILE")
+            frames = chain.from_iterable(read_frames(path) for path in job.paths)
+            pressure = linear_pressure(job.board, job.previous, frames)
+            return self._fitted(job, fit_contact_noise(pressure, job.board.pipeline.n_rest_frames, progress=progress))
+        rest = job.log().rest
+        if job.matrix is None or len(rest) < MIN_FRAMES:
+            return _without(job, f"{len(rest)} untouched frames in the log, {MIN_FRAMES} are needed")
+        rows, columns = job.board.observed
+        shape = (len(rest), rows.stop - rows.start, columns.stop - columns.start, 3)
+        pressure = -(rest.reshape(len(rest), -1) @ job.matrix.T).reshape(shape)[..., 2]
+        try:
+            fit = fit_contact_noise(pressure, job.board.pipeline.n_rest_frames, progress=progress)
+        except InputError as error:
+            return _without(job, str(error))
+        return self._fitted(job, fit)
+
+    def _fitted(self, job: Job, fit: ContactNoise) -> Outcome:
+        job.tensors |= fit.tensors()
+        return Outcome("fitted", f"four neighbours above {1e3 * fit.square_n:.2f} mN, or one above "
+                       f"{1e3 * fit.alone_n:.2f} mN", fit.report())  # fmt: skip
+
+    def keep(self, job: Job) -> Outcome:
+        """The previous calibration's, or board.toml's threshold alone."""
+        return job.take("contact") or Outcome("board", "threshold of board.toml")
+
+    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+        """A touch takes no more force than the board's own threshold."""
+        if "alone_mn" not in report:
+            return []
+        return [at_most("touch noise", report["alone_mn"], board.contact.threshold_un * 1e-3, "mN on one node")]
 
 
-def is_needed(job: Job) -> bool:
-    """Whether the board marks contacts by force."""
-    return "support" in job.board.pipeline.stages
-
-
-STAGE = Stage("threshold", is_needed, run, keep)
+THRESHOLD = Threshold()

@@ -374,7 +374,7 @@ def _checks(frames: Frames) -> list[str]:
     """What looks wrong with units and axes. Raises InputError where it cannot be a sensor of this size."""
     force, torque = (np.sqrt((frames.wrench[:, part] ** 2).mean()) for part in (slice(0, 3), slice(3, 6)))
     arm_mm = torque / max(force, 1e-12)
-    if arm_mm > 1000 or arm_mm < 0.01:
+    if torque > 0 and not 0.01 < arm_mm < 1000:  # a load cell has no torques
         raise InputError(
             f"torques are {arm_mm:.3g} mm times the forces: give them in N mm, forces in N (axes fx fy fz tx ty tz)"
         )

@@ -15,9 +15,8 @@ from ruffini.calibrate.gates import MAX_WRENCH_ERROR, Gate, failed, gates_in, ga
 from ruffini.calibrate.log.touches import file_sha256
 from ruffini.calibrate.log.warmth import celsius_ranges
 from ruffini.calibrate.report.fewer_presses import accuracy_in
-from ruffini.calibrate.report.judged import about
 from ruffini.calibrate.report.page import AXES as LABELS
-from ruffini.calibrate.report.page import fewer_presses_table, range_table, report_head
+from ruffini.calibrate.report.page import about, fewer_presses_table, range_table, report_head
 from ruffini.estimators.wrench.log import FeatureRun, read_feature_runs
 from ruffini.estimators.wrench.model import AXES, Frames, frames_of
 from ruffini.estimators.wrench.tables import map_in

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
+from ruffini.files import write_whole
 from ruffini.sim.optics.camera import View
 from ruffini.sim.optics.settings import ViewSettings
 from ruffini.sim.settings import load_twin
@@ -22,3 +25,10 @@ def known_points(board: Board) -> Array:
     places = np.column_stack([POINT_MM * np.cos(angle), POINT_MM * np.sin(angle), z])
     px, _ = View(board, ViewSettings(), load_twin(board).lens).project(places)
     return np.column_stack([px + rng.normal(size=px.shape) * READING_PX, z])
+
+
+def write_known_points(board: Board, folder: Path) -> Path:
+    """The same as the CSV file that `--points` takes."""
+    path, rows = folder / "points.csv", (",".join(f"{v:.3f}" for v in row) for row in known_points(board))
+    write_whole(path, "\n".join(["x_px,y_px,z_mm", *rows, ""]).encode())
+    return path

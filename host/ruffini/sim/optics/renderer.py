@@ -1,6 +1,6 @@
 """The picture of a deformed surface: views, light, pattern, sensor, one after the other.
 
-Geometry (firmware/README.md): the camera is at z = -H on the axis, x right, y down, looking along +z.
+Geometry (firmware/DESIGN.md): the camera is at z = -H on the axis, x right, y down, looking along +z.
 Shading is Lambertian with the normals of the deformed surface; light falls with distance squared.
 """
 

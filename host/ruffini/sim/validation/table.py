@@ -8,6 +8,7 @@ from typing import Any
 
 from ruffini.sim.validation import contacts, platforms, shells, skins, solids
 from ruffini.sim.validation.rows import Outcome
+from ruffini.tables import aligned
 
 
 def validate(*, quick: bool, progress: Callable[[float], None] = lambda _: None) -> Outcome:
@@ -39,14 +40,14 @@ def as_dict(out: Outcome) -> dict[str, Any]:
 
 def as_text(out: Outcome) -> str:
     """Theory beside the twin."""
-    lines = [f"{'':36}{'':26}{'theory':>12}{'twin':>12} {'unit':6}{'error':>9}{'allowed':>10}"]
-    last = ""
-    for row in out.rows:
-        name, last = ("" if row.check == last else row.check), row.check
-        lines.append(
-            f"{name:36}{row.quantity:26}{_number(row.theory):>12}{_number(row.twin):>12} {row.unit:6}"
-            f"{_per_cent(row.error):>9}{100 * row.tolerance:>8g} %{'' if row.is_good else '  OUTSIDE'}"
+    before = [None, *(row.check for row in out.rows)]
+    lines = aligned(("", "", "theory", "twin", "unit", "error", "allowed", ""), [
+        (
+            "" if row.check == last else row.check, row.quantity, _number(row.theory), _number(row.twin), row.unit,
+            _per_cent(row.error), f"{100 * row.tolerance:g} %", "" if row.is_good else "OUTSIDE",
         )
+        for row, last in zip(out.rows, before, strict=False)
+    ])  # fmt: skip
     n_bad = sum(not row.is_good for row in out.rows)
     lines.append(f"{len(out.rows)} numbers, {n_bad} outside" if n_bad else f"{len(out.rows)} numbers, all within")
     return "\n".join(lines)

@@ -1,4 +1,5 @@
-// Bytes of a sensor's line to typed messages. Whatever comes: no crash, no more than 70 MB, and what is damaged is counted.
+// Decodes the bytes of a sensor's line to typed messages. Any input is safe: it cannot crash the decoder, memory is
+// limited to 70 MB, and damaged data is counted.
 #pragma once
 
 #include <array>
@@ -31,7 +32,7 @@ enum class Type : uint8_t {
   kResidual = 16,
 };
 
-// std::monostate: a type that this library does not read, or a payload that is not what ruffini.proto says.
+// std::monostate: a type that this library does not decode, or a payload that does not match ruffini.proto.
 using Message = std::variant<std::monostate, Hello, Status, Wrench, Field, Depth, Contacts, Event, Reply, Time,
                              Residual, Markers, Learned>;
 
@@ -39,34 +40,34 @@ struct Packet {
   Type type{};
   uint8_t sensor = 0;  // 255: the device itself
   uint32_t sequence = 0;
-  bool is_simulated = false;  // rests on a simulated camera
-  bool is_replay = false;     // rests on a recording
+  bool is_simulated = false;  // derived from a simulated camera
+  bool is_replay = false;     // derived from a recording
   Message message;
-  std::vector<uint8_t> payload;  // protobuf, as ruffini.proto says: for the fields that are not in Message
+  std::vector<uint8_t> payload;  // protobuf (ruffini.proto): gives access to fields that Message lacks
 };
 
-// Why something was thrown away, and what never came.
+// Counts of discarded data by reason, and of missing messages.
 struct Counters {
   uint64_t bad_crc = 0;
   uint64_t malformed = 0;    // COBS, length, version, flags, fragment numbers
-  uint64_t oversize = 0;     // 4,096 bytes without an end
-  uint64_t incomplete = 0;   // messages whose fragments did not all come
-  uint64_t undecodable = 0;  // whole, and not what ruffini.proto says
-  uint64_t echo = 0;         // what this host said itself
-  uint64_t lost = 0;         // messages by their sequence numbers
+  uint64_t oversize = 0;     // more than 4,096 bytes without a delimiter
+  uint64_t incomplete = 0;   // messages with missing fragments
+  uint64_t undecodable = 0;  // complete, but not valid by ruffini.proto
+  uint64_t echo = 0;         // frames of this host, returned by the line
+  uint64_t lost = 0;         // missing messages, by sequence number
 };
 
 class Decoder {
  public:
   // Calls on_packet for each message that these bytes complete, in order.
   void feed(const uint8_t* bytes, size_t n_bytes, const std::function<void(Packet&&)>& on_packet);
-  // The same, collected.
+  // As above, but returns the messages.
   std::vector<Packet> feed(const uint8_t* bytes, size_t n_bytes);
 
   [[nodiscard]] const Counters& counters() const { return counters_; }
 
  private:
-  // A message in parts: those that differ in any of these are not of one message.
+  // Header fields that all fragments of a message share.
   struct Header {
     uint8_t flags = 0, type = 0, sensor = 0, n_fragments = 0;
     uint32_t sequence = 0;
@@ -84,9 +85,9 @@ class Decoder {
   size_t n_encoded_ = 0;
   bool is_oversize_ = false;
   std::optional<Header> open_;
-  uint8_t n_fragments_ = 0;  // of the open message that came
+  uint8_t n_fragments_ = 0;  // received fragments of the open message
   std::vector<uint8_t> payload_;
-  std::array<std::optional<uint32_t>, 256> last_;  // sequence by sensor
+  std::array<std::optional<uint32_t>, 256> last_;  // last sequence number of each sensor
   Counters counters_;
 };
 

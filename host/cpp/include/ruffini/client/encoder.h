@@ -1,4 +1,4 @@
-// What a host says to a sensor. Each call returns the bytes to write to the port.
+// Encodes a host's messages to a sensor. Each call returns the bytes to write to the port.
 #pragma once
 
 #include <cstdint>
@@ -14,19 +14,22 @@ using Bytes = std::vector<uint8_t>;
 
 class Encoder {
  public:
-  // `holder`: any number above 0 that no other host has, e.g. a random one. A sensor lets one host at a time change
-  // something. The first bytes that you write should be those of hello(): they also end what a predecessor left half sent.
+  // `holder`: a number above 0 that no other host uses, e.g. a random one. A sensor accepts changes from one host at a
+  // time. Write the bytes of hello() first: they also end a frame that a previous host left incomplete.
   explicit Encoder(uint32_t holder) : holder_(holder) {}
 
   Bytes hello();
   Bytes status();
   Bytes time(uint64_t token);
-  // Each n-th message of each type, e.g. {{Type::kWrench, 1}, {Type::kField, 4}}; at most 16. Replaces what was asked before.
+  // Subscribes to every n-th message of each type, e.g. {{Type::kWrench, 1}, {Type::kField, 4}}; at most 16 types.
+  // Replaces the previous subscription.
   Bytes subscribe(const std::vector<std::pair<Type, uint32_t>>& every);
-  // Learn the untouched pad anew; n_frames 0: as many as the board says. REFUSED while something presses, unless meant.
+  // Learns the rest image of the untouched pad again; n_frames 0: the board's number. The reply is REFUSED if the pad
+  // is touched, unless even_if_touched is set.
   Bytes zero(uint32_t n_frames = 0, bool even_if_touched = false, uint8_t sensor = kDevice);
 
-  // What subscribe and zero were sent under last; Reply has the same. Without a Reply within 0.5 s write the same bytes again.
+  // Id of the last subscribe() or zero(); the Reply repeats it. If no Reply arrives within 0.5 s, write the same bytes
+  // again.
   [[nodiscard]] uint32_t request_id() const { return request_id_; }
 
   static constexpr uint8_t kDevice = 255;

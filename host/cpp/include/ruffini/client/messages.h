@@ -1,6 +1,6 @@
-// What a sensor says, in SI units. Origin: centre of the undeformed pad's surface, x right and y down in the camera's
-// image, z out of the pad. Forces act ON the pad: pressing is negative z.
-// A number that is not VALID is NaN where it is named in newtons or metres; what was sent stands beside it.
+// Messages of a sensor in SI units. Origin: centre of the undeformed pad's surface, x right and y down in the camera's
+// image, z out of the pad. Forces act ON the pad: pressing is negative z. Values in newtons or metres are NaN unless
+// they are VALID; the transmitted number is available beside them.
 #pragma once
 
 #include <array>
@@ -17,25 +17,25 @@ namespace ruffini::client {
 inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 enum class Validity : uint8_t {
-  kNotMeasured = 0,  // the sensor cannot, or the stage did not run
+  kNotMeasured = 0,  // the sensor cannot measure it, or the stage did not run
   kValid = 1,
-  kUncalibrated = 2,  // moves the right way, is not in the unit
-  kInvalid = 3,       // measured, and known to be wrong; also whatever this library does not know
+  kUncalibrated = 2,  // monotonic, but not in the stated unit
+  kInvalid = 3,       // measured, and known to be wrong; also any value unknown to this library
 };
 
-// Some FlagBits of ruffini.proto; Stamp::flags has them all.
+// Some of the FlagBits of ruffini.proto; Stamp::flags contains all of them.
 enum Flag : uint32_t { kNoReference = 1, kStale = 256, kWindowBorder = 512, kKnownFlags = (1U << 19) - 1 };
 
 struct Stamp {
-  uint64_t capture_us = 0;  // middle of the exposure, device's monotonic clock
-  uint64_t frame = 0;       // the camera's number, gaps mean drops
+  uint64_t capture_us = 0;  // exposure midpoint, monotonic clock of the device
+  uint64_t frame = 0;       // the camera's number; gaps mean dropped frames
   uint32_t flags = 0;       // FlagBit mask
   uint32_t calibration_id = 0;
 };
 
 struct Measured {
   double value = kNaN;   // NaN unless VALID
-  double as_sent = 0.0;  // means nothing unless you know why
+  double as_sent = 0.0;  // only meaningful together with the reason for its validity
   Validity validity = Validity::kNotMeasured;
 };
 
@@ -43,11 +43,11 @@ struct Wrench {
   Stamp stamp;
   std::array<Measured, 3> force_n;    // x, y, z
   std::array<Measured, 3> torque_nm;  // about the origin
-  // Of (fx, fy, fz, tx, ty, tz), N and N m; nullopt where it is not VALID: absent is not zero.
+  // Covariance of (fx, fy, fz, tx, ty, tz), N and N m; nullopt if it is not VALID: absent does not mean zero.
   std::optional<std::array<std::array<double, 6>, 6>> covariance;
 };
 
-// Integers at n_x x n_y places, x fastest, n_components each.
+// Integers on a grid of n_x x n_y places, x fastest, n_components each.
 struct Grid {
   uint32_t n_x = 0;
   uint32_t n_y = 0;
@@ -65,9 +65,9 @@ struct Field {
   Grid force;         // steps of force_step_n
   Grid displacement;  // steps of displacement_step_m; empty: not sent
   Grid sigma;         // standard deviation of force in its steps; empty: not measured
-  Grid slip;          // 0 nothing presses, 1 sticks, 2 slips; empty: not measured
+  Grid slip;          // 0 not pressed, 1 sticks, 2 slips; empty: not measured
 
-  // Of one node, NaN along axes that are not VALID. Precondition: node < force.n_nodes().
+  // Values of one node, NaN along axes that are not VALID. Precondition: node < force.n_nodes().
   [[nodiscard]] std::array<double, 3> force_n(size_t node) const;
   [[nodiscard]] std::array<double, 3> displacement_m(size_t node) const;
   [[nodiscard]] std::array<double, 3> sigma_n(size_t node) const;
@@ -77,27 +77,27 @@ struct Depth {
   Stamp stamp;
   Validity validity = Validity::kNotMeasured;
   double step_m = 0.0;
-  uint32_t step_px = 0;                             // of the camera's grid, from cell to cell
-  double sigma_m = 0.0;                             // standard deviation where something touches; 0: not stated
+  uint32_t step_px = 0;                             // cell size in pixels of the camera
+  double sigma_m = 0.0;                             // standard deviation of a touched cell; 0: not stated
   Grid depth;                                       // steps of step_m, negative where pressed
   [[nodiscard]] double depth_m(size_t cell) const;  // NaN unless VALID
 };
 
-// What the forces leave unexplained of the displacement at each node: about 1 where pad and noise are as the calibration
-// takes them, whatever presses. Sent to who subscribes to it.
+// Residual displacement that the forces do not explain, at each node: about 1 under any load if pad and noise match the
+// calibration. Sent to subscribers only.
 struct Residual {
   Stamp stamp;
   Validity validity = Validity::kNotMeasured;
   double step = 0.0;  // standard deviations
   Grid residual;      // along x, y, z, steps of `step`; empty: not measured
 
-  // Of one node, standard deviations; NaN unless VALID. Precondition: node < residual.n_nodes().
+  // Residual of one node in standard deviations; NaN unless VALID. Precondition: node < residual.n_nodes().
   [[nodiscard]] std::array<double, 3> sigmas(size_t node) const;
 };
 
 enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
 
-// Messages of single stages. Numbers that are not stated, and all of a contact that is not VALID, are NaN.
+// Messages of single stages. Numbers that are not stated, and all numbers of an invalid contact, are NaN.
 
 // A touch of a skin, in the camera's axes.
 struct SkinTouch {
@@ -110,36 +110,36 @@ struct SkinTouch {
 // A tool that came down along its own axis on a fingertip.
 struct ToolTouch {
   std::array<double, 2> place_m{};           // of the tool's axis, in its own axes
-  double way_m = kNaN;                       // of the tool since it touched
+  double way_m = kNaN;                       // travel of the tool since it touched
   double roll_rad = kNaN, pitch_rad = kNaN;  // of the fingertip under the tool, about x, then about y
   std::array<double, 3> normal_force_n{};    // along the tool's axis, in the camera's axes
   double force_sigma_n = kNaN;               // standard deviations
   std::array<double, 2> place_sigma_m{};
   double way_sigma_m = kNaN, roll_sigma_rad = kNaN, pitch_sigma_rad = kNaN;
   double face_area_sigma_m2 = kNaN;                       // of Contact::area_m2
-  double flat_area_m2 = kNaN, flat_area_sigma_m2 = kNaN;  // of the wall that lies in the tool's plane
+  double flat_area_m2 = kNaN, flat_area_sigma_m2 = kNaN;  // area of the wall that lies in the tool's plane
 };
 
 enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
 
-// What contact models make of a texture's flow.
+// Results of the contact models on a texture's flow.
 struct ContactModel {
   ContactKind kind = ContactKind::kNotTold;
   double kind_confidence = kNaN;                        // 0.5 to 1
   Validity depth_validity = Validity::kNotMeasured;     // of the next four
   double gel_depth_m = kNaN, gel_depth_sigma_m = kNaN;  // of the gel
-  double press_depth_m = kNaN;                          // of the object since it touched, with what itself gave way
-  double effective_area_m2 = kNaN;                      // of the object's own face
+  double press_depth_m = kNaN;      // travel of the object since it touched, including its own deformation
+  double effective_area_m2 = kNaN;  // of the object's face
   Validity hardness_validity = Validity::kNotMeasured;  // of the next three
   double stiffness_pa_per_m = kNaN;                     // d(normal force / effective area) / d(gel depth)
   double shore_a = kNaN, shore_a_sigma = kNaN;          // hardness of the object
   double mean_flow_m = 0.0, moment_by_flow_nm = 0.0;
 };
 
-// Parts of a texture's flow.
+// Components of a texture's flow.
 struct FlowParts {
-  double curl_free_m = 0.0;        // mean size of the gradient
-  double divergence_free_m = 0.0;  // size of the mean of the rest
+  double curl_free_m = 0.0;        // mean magnitude of the gradient
+  double divergence_free_m = 0.0;  // magnitude of the mean of the remainder
   double twist_rad = 0.0;          // from x to y
 };
 
@@ -150,10 +150,10 @@ struct Contact {
   std::array<Measured, 3> force_n;
   Measured peak_depth_m;
   SlipState slip_state = SlipState::kNotMeasured;
-  double shear_ratio = kNaN;  // |F_t| / |F_n|; these five NaN where it is not measured or not known yet
+  double shear_ratio = kNaN;                       // |F_t| / |F_n|; these five are NaN if not measured or not known yet
   double friction = kNaN, friction_sigma = kNaN;   // coefficient
-  double slip_share = kNaN, slip_margin_n = kNaN;  // of its area that slips; shear that it still takes
-  bool reaches_border = false;  // the pad goes on beyond the camera's window: all is of the seen part
+  double slip_share = kNaN, slip_margin_n = kNaN;  // share of its area that slips; additional shear that it can bear
+  bool reaches_border = false;  // the pad continues beyond the camera's window: values cover the visible part only
   std::optional<SkinTouch> skin;
   std::optional<ToolTouch> tool;
   std::optional<ContactModel> model;
@@ -162,7 +162,7 @@ struct Contact {
 
 struct Contacts {
   Stamp stamp;
-  uint32_t n_found = 0;  // contacts holds the largest, largest first
+  uint32_t n_found = 0;  // all contacts found; `contacts` holds the largest, largest first
   std::vector<Contact> contacts;
 };
 
@@ -170,27 +170,27 @@ struct Contacts {
 struct Markers {
   Stamp stamp;
   double step_px = 0.0;
-  Grid displacement;          // x, y against rest, in steps of step_px
-  Grid rest;                  // x, y at rest, likewise; empty: not sent
-  Grid quality;               // 255 / (1 + (expected error / 0.1 px)^2), 0 lost; empty: not graded
-  Grid area;                  // of targets: change against rest, 1/256 square pixel; empty: no targets
-  std::vector<bool> is_lost;  // of each: estimated from neighbours
+  Grid displacement;          // x, y relative to rest, in steps of step_px
+  Grid rest;                  // x, y at rest, in the same steps; empty: not sent
+  Grid quality;               // 255 / (1 + (expected error / 0.1 px)^2), 0 lost; empty: no quality
+  Grid area;                  // of targets: change relative to rest, 1/256 square pixel; empty: no targets
+  std::vector<bool> is_lost;  // true: estimated from neighbours
 };
 
-// What a learned network says of a frame, later than its other messages and not of every frame.
+// Result of a learned network for a frame. It arrives later than the frame's other messages, and not for every frame.
 struct Learned {
-  Stamp stamp;                                              // of the frame that was looked at
-  bool is_valid = false;                                    // else no number, or beyond what the network was taught
+  Stamp stamp;                                              // of the processed frame
+  bool is_valid = false;                                    // false: no number, or outside the training range
   std::vector<std::pair<std::string, int64_t>> quantities;  // names with their units, e.g. "force_un"
   double took_s = 0.0, latency_s = 0.0;                     // of the network alone; from mid-exposure to the result
-  double period_s = 0.0;                                    // since the result before; 0: the first
+  double period_s = 0.0;                                    // since the previous result; 0: first result
 };
 
 struct SensorInfo {
   uint32_t sensor = 0;  // Packet::sensor
   std::string board, product;
   uint32_t n_x = 0, n_y = 0;                             // nodes of FIELD
-  std::array<double, 2> grid_origin_m{}, grid_step_m{};  // x, y of the first node, from node to node
+  std::array<double, 2> grid_origin_m{}, grid_step_m{};  // x, y of the first node; distance between nodes
   std::vector<std::string> not_measured;
   bool is_calibrated = false;
   [[nodiscard]] std::array<double, 2> position_m(size_t node) const;  // of FIELD's node on the undeformed pad
@@ -199,8 +199,8 @@ struct SensorInfo {
 struct Hello {
   uint32_t protocol_version = 0;
   std::string firmware_version, device_serial;
-  uint32_t session_id = 0;  // new at every start of the device
-  bool needs_key = false;   // zero must be signed: use `ruffini`
+  uint32_t session_id = 0;  // changes with every start of the device
+  bool needs_key = false;   // zero must be signed, which `ruffini` can do
   std::vector<SensorInfo> sensors;
 };
 
@@ -208,8 +208,8 @@ struct Status {
   uint64_t uptime_us = 0, frames_captured = 0, frames_processed = 0;
   double frame_rate_hz = 0.0;
   uint64_t replaced_frames = 0, invalid_frames = 0,
-           dropped_packets = 0;  // newer came; unreadable; not read by the host
-  uint32_t health = 0;           // HealthBit mask, 0: well
+           dropped_packets = 0;  // replaced by newer ones; unreadable; not read by the host
+  uint32_t health = 0;           // HealthBit mask; 0: no problem
   std::vector<std::pair<std::string, double>> temperatures_c;
 };
 
@@ -220,8 +220,8 @@ struct Event {
 };
 
 struct Reply {
-  uint32_t request_id = 0, code = 0;  // code 0: done
-  std::string text;                   // for a person
+  uint32_t request_id = 0, code = 0;  // code 0: success
+  std::string text;                   // for people
 };
 
 // Answer to Encoder::time: host minus device is (asked + answered - received - sent) / 2.

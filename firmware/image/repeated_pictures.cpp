@@ -1,0 +1,86 @@
+#include "image/repeated_pictures.h"
+
+#include <algorithm>
+
+namespace ruffini {
+namespace {
+
+constexpr int kBlock = 8;  // compression loses rows in blocks of this size
+constexpr int kMaxBands = 30;
+constexpr uint32_t kBlack = 2;  // mean grey levels that can repeat without a fault, at or below, and above
+constexpr uint32_t kWhite = 253;
+constexpr uint64_t kMix = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio: odd, and diffuses every bit upwards
+
+}  // namespace
+
+RepeatedPictures::RepeatedPictures(int width_px, int height_px)
+    : band_rows_((height_px + kBlock * kMaxBands - 1) / (kBlock * kMaxBands) * kBlock),
+      n_bands_(std::max(height_px / band_rows_, 1)) {
+  band_rows_ = std::min(band_rows_, height_px);
+  uint32_t lot = 1;
+  const auto draw = [&](int n) {
+    const int drawn = static_cast<int>(lot >> 16) % n;
+    lot = lot * 1'103'515'245 + 12'345;
+    return drawn;
+  };
+  const int wide = width_px / kColumns;
+  for (int cell = 0; cell < n_bands_ * kColumns; ++cell) {
+    const int left = cell % kColumns * wide;
+    const int top = cell / kColumns * band_rows_;
+    at_.push_back({left, top});  // covers the picture's first pixel, too
+    for (size_t i = 1; i < kSamples; ++i) {
+      const int x = left + draw(wide);
+      at_.push_back({x, top + draw(band_rows_)});
+    }
+  }
+  now_.resize(static_cast<size_t>(n_bands_ * kColumns));
+  before_.assign(kRemembered, now_);
+}
+
+void RepeatedPictures::begin_rest() { repeats_itself_.reset(); }
+
+bool RepeatedPictures::run(const FrameView& frame) {
+  sum(frame);
+  last_ = compare();
+  remember();
+  return last_.is_whole || (!repeats_itself_.value_or(true) && last_.most >= kMinCells);
+}
+
+void RepeatedPictures::sum(const FrameView& frame) {
+  auto at = at_.begin();
+  for (uint64_t& cell : now_) {
+    uint32_t level = 0;
+    uint64_t mixed = 0;
+    for (size_t i = 0; i < kSamples; ++i, ++at) {
+      const uint8_t* pixel = frame.row((*at)[1]) + ptrdiff_t{3} * (*at)[0];
+      const uint32_t b = pixel[0];
+      const uint32_t g = pixel[1];
+      const uint32_t r = pixel[2];
+      level += b + g + r;
+      mixed = (mixed + (b | g << 8 | r << 16) + 1) * kMix;
+      mixed ^= mixed >> 32;
+    }
+    const bool shows_something = level > 3 * kSamples * kBlack && level < 3 * kSamples * kWhite;
+    cell = shows_something ? std::max<uint64_t>(mixed, 1) : 0;
+  }
+}
+
+RepeatedPictures::Repeats RepeatedPictures::compare() const {
+  Repeats found{.n_older = n_before_};
+  const auto n_shown = std::count_if(now_.begin(), now_.end(), [](uint64_t sum) { return sum != 0; });
+  for (size_t k = 0; k < n_before_; ++k) {
+    int n = 0;
+    for (size_t i = 0; i < now_.size(); ++i) n += now_[i] != 0 && now_[i] == before_[k][i] ? 1 : 0;
+    found.most = std::max(found.most, n);
+    found.is_whole = found.is_whole || (n > 0 && n == n_shown);
+  }
+  return found;
+}
+
+void RepeatedPictures::remember() {
+  before_[next_].swap(now_);
+  next_ = (next_ + 1) % kRemembered;
+  n_before_ = std::min(n_before_ + 1, kRemembered);
+}
+
+}  // namespace ruffini

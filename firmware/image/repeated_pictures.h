@@ -1,0 +1,67 @@
+// Detects pictures, or parts of them, that a live camera has delivered before.
+//
+//   cell    a quarter of the width of a band of rows; about 30 bands, each a multiple of 8 rows
+//   hash(c) of kSamples pixels of cell c, whose places are drawn once; cells that are black or white on average
+//   (kBlack,
+//           kWhite) are not compared
+//   old     at least kMinCells cells have the hash that they had in one of the last kRemembered pictures
+//
+// Sensor noise makes an equal hash of kSamples pixels practically impossible. A V4L2 driver has at most 32 buffers
+// (VIDEO_MAX_FRAME), so an old buffer is among the last 31 pictures. Two cells are required because strong compression
+// may repeat a flat cell. If cells repeat among the rest frames, the camera has no noise: then only a picture that is
+// equal in all cells counts as old; likewise after a rest of one frame that had no older one to compare with.
+//
+// Limit: an old part that covers less than two whole cells is not detected.
+// Frame thread; no allocation after the constructor.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "base/image_view.h"
+
+namespace ruffini {
+
+class RepeatedPictures {
+ public:
+  RepeatedPictures(int width_px, int height_px);
+
+  // Starts a new rest image: whether the camera repeats itself is unknown again.
+  void begin_rest();
+  // True if the picture or a part of it is an old one. Remembers it.
+  bool run(const FrameView& frame);
+  // The picture of the last run() is a rest frame: records whether this camera repeats itself.
+  void count_as_rest() {
+    if (last_.n_older > 0) repeats_itself_ = repeats_itself_.value_or(false) || last_.most > 0;
+  }
+
+ private:
+  static constexpr int kColumns = 4;
+  static constexpr size_t kSamples = 16;
+  static constexpr size_t kRemembered = 31;
+  static constexpr int kMinCells = 2;
+  using Cells = std::vector<uint64_t>;  // sum of each; 0: shows nothing
+
+  struct Repeats {
+    size_t n_older = 0;     // pictures that it was compared with
+    int most = 0;           // cells of one older picture
+    bool is_whole = false;  // all of one that shows anything
+  };
+  void sum(const FrameView& frame);
+  [[nodiscard]] Repeats compare() const;
+  void remember();
+
+  int band_rows_;
+  int n_bands_;
+  std::vector<std::array<int32_t, 2>> at_;  // column and row of each sample, cell by cell
+  Cells now_;
+  std::vector<Cells> before_;  // a ring
+  size_t n_before_ = 0;
+  size_t next_ = 0;
+  Repeats last_;
+  std::optional<bool> repeats_itself_ = false;  // no value: not known yet
+};
+
+}  // namespace ruffini

@@ -1,0 +1,87 @@
+"""An estimator: one object that states all that the rest of the host asks about it.
+
+`cal collect`, `fit`, `report`, `auto` and `check` loop over these objects (`ruffini.estimators.table`), so that none of
+them knows one by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.fit.job import Job, Outcome, Progress
+from ruffini.calibrate.gates import Gate
+from ruffini.errors import InputError
+from ruffini.estimators.material.prior import Prior
+from ruffini.estimators.task import Task, Turned
+
+
+class Report(NamedTuple):
+    """A calibration judged on logs."""
+
+    tree: dict[str, Any]  # of the JSON: passed, gates, log, accuracy_of_presses, valid_for, and figures of its own
+    gates: list[Gate]
+    text: str  # its errors, in one line
+    write_page: Callable[[Path], None]  # HTML
+
+
+class Estimator:
+    """Something that the board estimates or needs for it, fitted to logs of known touches. Subclasses override."""
+
+    name: ClassVar[str]  # of `cal fit --only NAME`, and in a file's manifest
+    kinds: ClassVar[tuple[str, ...]] = ()  # of a calibration file that it makes; the first one is its own
+    is_reported: ClassVar[bool] = False  # a file with `kinds[0]` is judged by `report`
+    needs_previous: ClassVar[bool] = False  # nothing stands in if a fit leaves it out
+    task: ClassVar[Task | Turned | None] = None  # what a bench presses for it; None: it is fitted to others' touches
+    first_program: ClassVar[str] = ""  # touches that it is fitted to before the task's, with a bench that has nothing
+
+    def applies(self, board: Board) -> bool:
+        """True if the board's stages use what it makes."""
+        raise NotImplementedError
+
+    def fit(self, job: Job, progress: Progress) -> Outcome:
+        """Fit to the job's logs; tensors, metadata and numbers for the estimators after it go to the job."""
+        raise NotImplementedError
+
+    def keep(self, job: Job) -> Outcome:
+        """Stand in for a fit that is left out: what was given, else the previous calibration's, else the board's."""
+        own, *_ = [job.take(kind) for kind in self.kinds]
+        if own is None and self.needs_previous:
+            raise InputError(f"--skip {self.name} needs a calibration that has one: give --previous FILE")
+        return own or Outcome("board", "none")
+
+    def start(self, job: Job) -> None:
+        """Make the tables that follow from the board alone, before there is a log; most have none."""
+
+    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+        """Judge the report of its fit, on what the fit left out."""
+        return []
+
+    def details(self, report: dict[str, Any]) -> str:
+        """The report of a fit beyond its one line: a table, for a person."""
+        return ""
+
+    def gates_of_log(self, job: Job, file: CalibrationFile) -> list[Gate]:
+        """Judge the finished file on the job's log, on the board's own integers."""
+        return []
+
+    def report(
+        self, board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None,
+        fleet: Prior | None = None, progress: Progress = lambda _: None,
+    ) -> Report:  # fmt: skip
+        """Judge a calibration on logs: those that it was fitted to, or others."""
+        raise NotImplementedError
+
+    def allowed_n(self, report: dict[str, Any], force_n: float) -> float | None:
+        """Largest error of a force (N) that its fit's report lets `cal check` expect; None: not stated."""
+        return None
+
+    def need(self, file: CalibrationFile, where: Path) -> None:
+        """Raises InputError if a file has no table of this estimator."""
+        if self.kinds[0] not in file.kinds:
+            raise InputError(
+                f"{where} has no {self.kinds[0]} table: make one with `ruffini cal fit --only {self.name}`"
+            )

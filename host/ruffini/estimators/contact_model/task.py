@@ -1,0 +1,79 @@
+"""A contact model of a texture: presses of changed indenters; judged by the normal force, and by their hardness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.fit.job import Outcome
+from ruffini.estimators.task import Counts, Task, Word, joined
+from ruffini.rig.found import is_held
+from ruffini.rig.log_file import CONTACT_SHORE, Log, TouchRecord
+from ruffini.rig.program import INDENTERS, Indent, Item, Span, Tool, span_of, spread
+
+Array = npt.NDArray[np.float64]
+
+TOOLS = ("flat", "sphere", "square", "sphere", "triangle", "sphere")  # in turn: half of them are balls
+TOOL_RADIUS_M, TOOL_SHORE_A = (4.2e-3, 5.5e-3), (20.0, 85.0)  # such that no press is above 15 N
+TOOL_PLACE_M = (2.2e-3, 1.8e-3)  # from the middle: the texture beside the contact is what tells
+
+
+def _indent_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
+    """Every frame from the contact on; the hardness that is told last, and that of the indenter."""
+    held = is_held(touch.arrays["stream_host_s"], touch.facts)
+    shore = touch.arrays.get(CONTACT_SHORE, np.zeros(0))
+    told = shore[np.isfinite(shore)]
+    rows = np.full((int(held.sum()), 2), np.nan)
+    rows[-1:] = (told[-1] if len(told) else np.nan), touch.facts["tool"]["shore_a"]
+    return Word(touch.arrays["stream_wrench"][held], true[held], np.full_like(rows, np.nan), rows)
+
+
+def _indent_figures(words: list[Word]) -> dict[str, Any]:
+    said, true, _, shore = joined(words)
+    known = shore[np.isfinite(shore[:, 1])]
+    told = known[np.isfinite(known[:, 0])]
+    off = np.nan_to_num(said) - true
+    full = float(np.abs(true[:, 2]).max())
+    rmse = np.sqrt(np.mean(off**2, axis=0))
+    return {
+        "error": 100 * float(rmse[2]) / full, "touches": len(words), "normal_rmse_n": float(rmse[2]),
+        "axes_rmse_n_nm": [float("nan") if np.isnan(c).all() else float(r) for c, r in zip(said.T, rmse, strict=True)],
+        "largest_force_n": full, "untold": int(len(known) - len(told)),
+        "shore_rmse": float(np.sqrt(np.mean((told[:, 0] - told[:, 1]) ** 2))) if len(told) else None,
+    }  # fmt: skip
+
+
+def _contact_left_out(outcomes: dict[str, Outcome]) -> float:
+    report = outcomes["contact"].report
+    return 100 * float(report["left_out_sizes"]["all"]["normal_n"]) / float(report["largest_n"])
+
+
+def indents(span: Span, n: int, seed: int) -> Sequence[Item]:
+    """Indenters of sizes and hardnesses spread over their ranges, each at a place of its own."""
+    rng = np.random.default_rng(seed)
+    radius, shore = (rng.permutation(np.linspace(*ends, n)) for ends in (TOOL_RADIUS_M, TOOL_SHORE_A))
+    # A seed of its own has sizes of its own, too.
+    step = (TOOL_RADIUS_M[1] - TOOL_RADIUS_M[0]) / n
+    radius = np.clip(radius + rng.uniform(-0.4, 0.4, n) * step, *TOOL_RADIUS_M)
+    return [
+        Indent(Tool(TOOLS[i % len(TOOLS)], float(radius[i]), float(shore[i])), float((2 * x - 1) * span.half_x_m),
+               float((2 * y - 1) * span.half_y_m), span.deepest_m)
+        for i, (x, y, _) in enumerate(spread(n, rng))
+    ]  # fmt: skip
+
+
+def _about_the_middle(board: Board, depth_m: float, shear_m: float, reach_m: tuple[float, float] | None) -> Span:
+    span = span_of(board, depth_m, shear_m, reach_m)
+    half_x_m, half_y_m = (min(a, b) for a, b in zip(span[:2], TOOL_PLACE_M, strict=True))
+    return span._replace(half_x_m=half_x_m, half_y_m=half_y_m)
+
+
+TASK = Task(
+    "contact", INDENTERS, Counts(0, 72, 24, 0), Counts(0, 18, 6, 0), 1.7, 0.0, 6.0,
+    "% of the largest normal force, RMS", _about_the_middle, indents, indents, _indent_word, _indent_figures,
+    _contact_left_out,
+)  # fmt: skip

@@ -1,0 +1,77 @@
+"""The table of estimators, in the order in which one needs what another found. A new one is one more line."""
+
+from __future__ import annotations
+
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.errors import InputError
+from ruffini.estimators.base import Estimator
+from ruffini.estimators.camera.stage import CAMERA
+from ruffini.estimators.contact_model.stage import CONTACT
+from ruffini.estimators.fingertip.stage import FINGERTIP
+from ruffini.estimators.material.stage import MATERIAL
+from ruffini.estimators.noise.stage import NOISE
+from ruffini.estimators.operator.stage import OPERATOR
+from ruffini.estimators.operator.task import TASK as FORCES
+from ruffini.estimators.photometric.stage import PHOTOMETRIC
+from ruffini.estimators.relaxation.stage import RELAXATION
+from ruffini.estimators.skin.stage import SKIN
+from ruffini.estimators.task import Task, Turned
+from ruffini.estimators.threshold.stage import THRESHOLD
+from ruffini.estimators.wrench.stage import WRENCH
+
+ESTIMATORS: tuple[Estimator, ...] = (
+    CAMERA,
+    PHOTOMETRIC,
+    MATERIAL,
+    RELAXATION,
+    NOISE,
+    OPERATOR,
+    THRESHOLD,
+    WRENCH,
+    CONTACT,
+    SKIN,
+    FINGERTIP,
+)
+BY_NAME = {estimator.name: estimator for estimator in ESTIMATORS}
+
+
+def applying(board: Board) -> tuple[Estimator, ...]:
+    """Those that a board's stages use."""
+    return tuple(estimator for estimator in ESTIMATORS if estimator.applies(board))
+
+
+def task_of(board: Board) -> Task | Turned:
+    """What a bench presses to calibrate a board.
+
+    Raises
+    ------
+    InputError
+        It has no estimator that can be fitted.
+    """
+    for estimator in applying(board):
+        if estimator.task is not None:
+            return estimator.task
+    raise InputError(f"board {board.name!r} has no estimator yet that `cal auto` could fit: its stages "
+                     f"({', '.join(board.pipeline.stages)}) make no force, no wrench, no skin's contacts")  # fmt: skip
+
+
+def pressed_for(board: Board) -> Task:
+    """The task whose depth, shear and ball suit a board: its estimator's, or that of forces if a bench presses none."""
+    tasks = [estimator.task for estimator in applying(board)]
+    return next((task for task in tasks if isinstance(task, Task)), FORCES)
+
+
+def reported_by(file: CalibrationFile) -> Estimator:
+    """The estimator that judges a file.
+
+    Raises
+    ------
+    InputError
+        None of them does.
+    """
+    for estimator in ESTIMATORS:
+        if estimator.is_reported and estimator.kinds[0] in file.kinds:
+            return estimator
+    kinds = ", ".join(estimator.kinds[0] for estimator in ESTIMATORS if estimator.is_reported)
+    raise InputError(f"this calibration has no {kinds}: there are no forces to judge")

@@ -1,0 +1,123 @@
+"""Pads of a world as real sensors: their pictures through the twin's camera into `ruffinid`, one daemon a pad.
+
+A program opens `Live.ports` with `ruffini.connect` as it would the hardware. `HeldSensor` is what a controller reads:
+the newest frame, and a sentence where the line is silent, so that the grip is held.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.api.frame import SensorFrame
+from ruffini.api.sensor import Sensor
+from ruffini.daemon import Daemon, started_daemon
+from ruffini.errors import NoDeviceError
+from ruffini.robot.attached import AttachedPad
+from ruffini.robot.world import World
+from ruffini.sim.scenario import Scenario
+from ruffini.sim.serve import States, TwinServer
+
+Array = npt.NDArray[np.float64]
+
+SILENCE_S = 0.5  # without a frame, after which the grip is held
+
+
+class _Shown:
+    """The newest surface of a pad, for its camera (`serve.Frames`)."""
+
+    def __init__(self, pad: AttachedPad) -> None:
+        self._now = self._before = pad.solid.unit.at_rest()
+
+    def show(self, surface: Array) -> None:
+        """From the next picture on."""
+        self._before, self._now = self._now, surface
+
+    def states(self, frame: int) -> States | None:
+        """What the camera sees; it never ends."""
+        return self._now, self._before, None
+
+
+class Live:
+    """Daemons and cameras of a world's pads. Make the world with `is_feeling=False`; step it here.
+
+    Attributes
+    ----------
+    ports : of each pad, for `ruffini.connect`.
+    daemons : of each pad.
+    """
+
+    def __init__(self, world: World, *, seed: int = 1) -> None:
+        self.world, self._seed = world, seed
+        self.ports: dict[str, str] = {}
+        self.daemons: dict[str, Daemon] = {}
+        self._shown: dict[str, _Shown] = {}
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self) -> Live:
+        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
+        with contextlib.ExitStack() as begun:
+            for i, (name, pad) in enumerate(self.world.pads.items()):
+                shown, unit, socket = _Shown(pad), pad.solid.unit, folder / f"{i}.socket"
+                scenario = Scenario(program="rest", seed=self._seed + i)
+                begun.enter_context(TwinServer(unit.renderer(), shown, scenario, socket))
+                assert unit.board.folder is not None
+                store = folder / f"store-{i}"
+                daemon = begun.enter_context(started_daemon(unit.board.folder, f"twin:{socket}", store))
+                self._shown[name], self.daemons[name], self.ports[name] = shown, daemon, daemon.port
+            self._stack.push(begun.pop_all())
+        self._next_s = time.monotonic()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    @property
+    def late_s(self) -> float:
+        """By how much the world is behind the clock."""
+        return max(0.0, time.monotonic() - self._next_s)
+
+    def step(self) -> None:
+        """Physics of one frame, shown to the cameras, at the clock's pace; late ones are not caught up with."""
+        self.world.step()
+        for name, shown in self._shown.items():
+            shown.show(self.world.pads[name].contact.surface_displacement())
+        now = time.monotonic()
+        time.sleep(max(0.0, self._next_s - now))
+        self._next_s = max(self._next_s, now) + self.world.frame_s
+
+
+class HeldSensor:
+    """A sensor that a controller asks for the newest frame; silence is a sentence, not an exception.
+
+    Attributes
+    ----------
+    problem : why the grip is to be held; empty while frames come.
+    """
+
+    def __init__(self, sensor: Sensor, silence_s: float = SILENCE_S) -> None:
+        self._port, self._silence_s = sensor.port, silence_s
+        self._frames = sensor.frames(newest=True)
+        self._heard_s = time.monotonic()
+        self.problem = ""
+
+    def newest(self) -> SensorFrame | None:
+        """The newest valid frame since the last call; None: there is none, keep the grip as it is."""
+        try:
+            frame = self._frames.get(0.0)
+        except (NoDeviceError, StopIteration) as error:
+            self.problem = f"{self._port}: the sensor is gone ({error}): the grip is held; look at its cable and daemon"
+            return None
+        now = time.monotonic()
+        if frame is not None and frame.is_valid:
+            self._heard_s, self.problem = now, ""
+            return frame
+        if now - self._heard_s > self._silence_s:
+            silence = f"no valid frame for {self._silence_s:g} s"
+            self.problem = f"{self._port}: {silence}: the grip is held; look at its cable and daemon"
+        return None

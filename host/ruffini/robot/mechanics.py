@@ -1,0 +1,270 @@
+"""A board's pad, reduced: the twin's own compliance between tractions on a coarse grid, with contact and friction.
+
+`PadSolid` is the linear pad of `ruffini.sim.pad` on as few nodes as its thickness allows, and is shared.
+
+`PadContact` is what presses on one pad, step by step: pressure p >= 0 with G_zz p = depth where it presses (an active
+set that starts from the last step's), and shear with |t| <= mu p by a slider at each node, G_xx t_x = s_x where it
+sticks. What shear adds to depth, and x to y, is left out of the contact; the displacement is the full compliance times
+all forces. G is symmetric and positive, so a pad at rest gives back no more energy than was put in.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.errors import InputError
+from ruffini.sim.settings import MeshSettings, load_twin
+from ruffini.sim.surface import hat_shares
+from ruffini.sim.unit import PadError, TwinUnit
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+NODES_PER_THICKNESS = 4  # a pressure that varies faster hardly moves the pad
+KEPT_SETS = 512  # inverses of active sets that come again
+MAX_ROUNDS = 30  # of the active set
+SLIDER_ROUNDS = 6  # of what sticks taking over from what slips; the rest follows in the next steps
+OPEN_M = 1e-9  # gap that is rounding
+
+
+@dataclass(frozen=True)
+class PadSolid:
+    """A linear pad on a coarse grid: what forces at its nodes do to them and to the board's nodes.
+
+    Attributes
+    ----------
+    unit : the twin of that coarse mesh, whose renderer shows it.
+    place : (n, 2) nodes, metres from the pad's centre.
+    """
+
+    unit: TwinUnit
+    place: Array
+
+    @classmethod
+    def of_board(cls, board: Board, *, stiffness: float = 1.0) -> PadSolid:
+        """The pad of a board's twin, `stiffness` times as stiff.
+
+        Raises
+        ------
+        InputError
+            The board has no flat twin pad at small strain.
+        """
+        twin = load_twin(board)
+        if twin.shape.kind != "plane" or twin.platform is not None or board.markers is None:
+            body = "pad on a platform" if twin.platform is not None else twin.shape.kind
+            raise InputError(f"board {board.name!r} is a {body}: the reduced model has flat pads that are pressed")
+        pad = board.pad
+        cells = [
+            max(2, round(NODES_PER_THICKNESS * size / pad.thickness_um / 2)) for size in (pad.size_x_um, pad.size_y_um)
+        ]
+        mesh = MeshSettings(cells_x=cells[0], cells_y=cells[1])
+        linear = twin.with_pad(strain="linear", is_relaxing=False).model_copy(update={"mesh": mesh})
+        unit = TwinUnit.build(board, PadError(modulus=stiffness), twin=linear)
+        x, y = np.meshgrid(unit.model.node_x(), unit.model.node_y())
+        return cls(unit, np.column_stack([x.ravel(), y.ravel()]))
+
+    @cached_property
+    def surface(self) -> Array:
+        """Displacement of the nodes for unit hat forces, (3 n, n, 3)."""
+        n, shares = len(self.place), hat_shares(self.unit.model)
+        compliance = self.unit.compliance.reshape(3 * n, n, 3)
+        return np.stack([np.asarray(compliance[:, :, c] @ shares) for c in range(3)], axis=2)
+
+    @cached_property
+    def mean(self) -> Array:
+        """Compliances of x to x, y to y, z to z, (3, n, n): displacement that a node's hat weighs; symmetric."""
+        n, shares = len(self.place), hat_shares(self.unit.model)
+        own = self.surface.reshape(n, 3, n, 3)
+        return np.stack([np.asarray(shares.T @ own[:, c, :, c]) for c in range(3)])
+
+    @cached_property
+    def to_board(self) -> npt.NDArray[np.float32]:
+        """Displacement of the board's observed nodes for unit hat forces, (3 n, 3 m)."""
+        n = len(self.place)
+        surface = self.surface.reshape(n, 3, 3 * n)
+        columns = [self.unit.at_nodes(surface[:, :, k])[self.unit.board.observed].ravel() for k in range(3 * n)]
+        return np.asarray(columns, np.float32)
+
+    @cached_property
+    def stiffness_n_per_m(self) -> float:
+        """Force per depth of a flat that presses the whole pad: no contact is stiffer."""
+        return float(np.linalg.solve(self.mean[2], np.ones(len(self.place))).sum())
+
+    @property
+    def half_size_m(self) -> tuple[float, float]:
+        return self.unit.model.size_x_m / 2, self.unit.model.size_y_m / 2
+
+    @property
+    def pitch_m(self) -> float:
+        """Longest distance of neighbouring nodes."""
+        shape = self.unit.model.shape
+        return max(self.unit.model.size_x_m / (shape[1] - 1), self.unit.model.size_y_m / (shape[0] - 1))
+
+
+@dataclass
+class PadContact:
+    """What presses on a pad, step after step.
+
+    Attributes
+    ----------
+    force : (n, 3) N ON the pad's nodes.
+    slips : (n,) nodes whose shear is at its limit.
+    """
+
+    solid: PadSolid
+    softness_m_per_n: Array | None = None  # (n, n) of an elastic object, added to the pad's own
+    force: Array = field(init=False)
+    slips: npt.NDArray[np.bool_] = field(init=False)
+    _was_touched: npt.NDArray[np.bool_] = field(init=False)
+    _stretch: Array = field(init=False)  # (n, 2) m that each node's slider has stretched the pad
+    _kept: OrderedDict[bytes, Array] = field(init=False, default_factory=OrderedDict)
+
+    def __post_init__(self) -> None:
+        self._mean = self.solid.mean
+        if self.softness_m_per_n is not None:
+            self._mean = self._mean + self.softness_m_per_n
+        n = len(self.solid.place)
+        self.force, self._stretch, self.slips = np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n, bool)
+        self._was_touched = np.zeros(n, bool)
+
+    def release(self) -> None:
+        """Nothing touches."""
+        self.force[:], self._stretch[:], self.slips[:], self._was_touched[:] = 0.0, 0.0, False, False
+
+    def advance(self, depth: Array, motion: Array, friction: Array, lead: Array) -> None:
+        """One step.
+
+        Parameters
+        ----------
+        depth : (n,) m by which the object is below the undeformed face at each node; not positive: beside it.
+        motion : (n, 2) m that its surface has moved along the pad since the last step.
+        friction : (n,) Coulomb coefficient.
+        lead : (n, 3) m, the relaxation time of the pad's damping times the velocity of x, y and depth.
+        """
+        nodes = self._press(depth, lead[:, 2])
+        if nodes.size:
+            self._shear(nodes, motion, friction, lead[:, :2])
+        else:
+            self.release()
+
+    def _inverse(self, nodes: Indices) -> Array:
+        """Stiffness of x, y and z among these nodes alone, (3, m, m)."""
+        key = nodes.tobytes()
+        if key not in self._kept:
+            self._kept[key] = np.asarray(np.linalg.inv(self._mean[:, nodes[:, None], nodes]), np.float64)
+            if len(self._kept) > KEPT_SETS:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+    def _press(self, depth: Array, lead: Array) -> Indices:
+        """Pressure; the nodes that press."""
+        touched = np.flatnonzero(depth > 0)
+        depth = depth[touched] + lead[touched]
+        active = (self.force[touched, 2] < 0) | ~self._was_touched[touched]
+        self._was_touched[:] = False
+        self._was_touched[touched] = True
+        pressure = np.zeros(0)
+        for _ in range(MAX_ROUNDS):
+            nodes = touched[active]
+            pressure = self._inverse(nodes)[2] @ depth[active]
+            if nodes.size and pressure.min() < 0:
+                active[np.flatnonzero(active)[pressure < 0]] = False
+                continue
+            if active.all():
+                break
+            beside = np.flatnonzero(~active)
+            lack = depth[beside] - self._mean[2][touched[beside][:, None], nodes] @ pressure
+            if not (lack > OPEN_M).any():
+                break
+            active[beside[lack > OPEN_M]] = True
+        self.force[:, 2] = 0.0
+        self.force[nodes, 2] = -np.maximum(pressure, 0)
+        return np.asarray(nodes)
+
+    def _shear(self, nodes: Indices, motion: Array, friction: Array, lead: Array) -> None:
+        """Friction: sliders at the nodes that press."""
+        was = np.asarray(self.force[:, :2].any(axis=1))
+        carried = np.flatnonzero(was)
+        begun = nodes[~was[nodes]]  # touched where the pad has been drawn to by its neighbours
+        if begun.size and carried.size:
+            for c in range(2):
+                self._stretch[begun, c] = self._mean[c][begun[:, None], carried] @ self.force[carried, c]
+        stretch = self._stretch[nodes] + motion[nodes]
+        asked = stretch + lead[nodes]
+        limit = friction[nodes] * -self.force[nodes, 2]
+        t = np.stack([inverse @ asked[:, c] for c, inverse in enumerate(self._inverse(nodes)[:2])], axis=1)
+        slips = np.hypot(t[:, 0], t[:, 1]) > limit
+        if slips.any():
+            own = self._mean[:2, nodes[:, None], nodes]
+            t, slips = _sliding(own, asked, limit, self.force[nodes, :2], slips & self.slips[nodes])
+            given = np.stack([own[c] @ t[:, c] for c in range(2)], axis=1)
+            stretch[slips] = (given - lead[nodes])[slips]
+        self.force[:, :2], self._stretch[:], self.slips[:] = 0.0, 0.0, False
+        self.force[nodes, :2], self._stretch[nodes], self.slips[nodes] = t, stretch, slips
+
+    @property
+    def wrench(self) -> Array:
+        """Force (N) and moment (N m) ON the pad about its undeformed centre, in its frame, (6,)."""
+        return wrench_about(self.solid.place, self.force)
+
+    def _loaded(self) -> Indices:
+        return np.flatnonzero(self.force.any(axis=1))
+
+    def board_displacement(self) -> Array:
+        """Displacement of the board's observed nodes, (m, 3) metres."""
+        nodes = self._loaded()
+        rows = self.solid.to_board.reshape(len(self.force), 3, -1)[nodes]
+        forces = self.force[nodes].astype(np.float32)
+        return np.asarray(np.einsum("ic,icm->m", forces, rows, optimize=True), np.float64).reshape(-1, 3)
+
+    def surface_displacement(self) -> Array:
+        """Displacement of the twin's own nodes, (n, 3) metres, which its renderer shows."""
+        nodes = self._loaded()
+        moved = np.einsum("kic,ic->k", self.solid.surface[:, nodes], self.force[nodes], optimize=True)
+        return np.asarray(moved).reshape(-1, 3)
+
+
+def wrench_about(place: Array, force: Array) -> Array:
+    """Force and moment about the origin of forces (n, 3) at points (x, y, 0) = `place` (n, 2), (6,)."""
+    x, y, (fx, fy, fz) = place[:, 0], place[:, 1], force.T
+    return np.concatenate([force.sum(axis=0), [y @ fz, -(x @ fz), x @ fy - y @ fx]])
+
+
+def _sliding(
+    compliance: Array, asked: Array, limit: Array, last: Array, slips: npt.NDArray[np.bool_]
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Shear (n, 2) that gives what sticks the `asked` displacement, and is `limit` at what slips; and what slips.
+
+    An active set, from `slips` on: what slips pulls the way that it lacks, and sticks again where that turns round.
+    """
+
+    def given(t: Array) -> Array:
+        return np.stack([compliance[c] @ t[:, c] for c in range(2)], axis=1)
+
+    def at_limit(t: Array) -> Array:
+        return t * (limit / np.maximum(np.hypot(t[:, 0], t[:, 1]), 1e-300))[:, None]
+
+    step = 1 / compliance.sum(axis=2).max()
+    t = last
+    for _ in range(SLIDER_ROUNDS):
+        pull = t + step * (asked - given(t))
+        t = np.where(slips[:, None], at_limit(pull), 0.0)
+        sticks = np.flatnonzero(~slips)
+        if sticks.size:
+            lack = (asked - given(t))[sticks]
+            among = compliance[:, sticks[:, None], sticks]
+            t[sticks] = np.linalg.solve(among, lack.T[..., None])[..., 0].T
+        over = ~slips & (np.hypot(t[:, 0], t[:, 1]) > limit)
+        back = slips & (((asked - given(t)) * t).sum(axis=1) < 0)
+        if not (over | back).any():
+            break
+        slips = (slips | over) & ~back
+    over = np.hypot(t[:, 0], t[:, 1]) > limit
+    return np.where(over[:, None], at_limit(t), t), slips | over

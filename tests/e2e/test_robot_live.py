@@ -1,0 +1,70 @@
+"""A pad of a MuJoCo world through the twin's camera, the real daemon and the public client; then the cable is loose."""
+
+import os
+import signal
+import sys
+import time
+
+import pytest
+from hang import until
+from tiny_sensor import ROOT
+from tiny_twin import Twin
+
+pytest.importorskip("mujoco", reason="extra [robot]")
+
+import ruffini
+from ruffini.device import Connection
+from ruffini.robot import World
+from ruffini.robot.live import HeldSensor, Live
+
+sys.path.insert(0, str(ROOT / "tests" / "py" / "robot"))
+from worlds import scale
+
+PRESS_N = 0.5
+
+
+@pytest.fixture
+def live(twin: Twin):
+    xml = scale('type="sphere" size=".015"')
+    with World(xml, {"pad": twin.board}, is_feeling=False) as world, Live(world) as live:
+        with Connection(live.ports["pad"]) as host:
+            host.flash(twin.calibration)
+        yield live
+
+
+def test_the_daemon_feels_the_world_and_its_end_holds_the_grip(live: Live) -> None:
+    with ruffini.connect(live.ports["pad"], resume_s=0.2) as sensor:
+        held = HeldSensor(sensor)
+        frames = []
+
+        def felt() -> bool:
+            live.step()
+            if (frame := held.newest()) is not None:
+                frames.append(frame)
+            return bool(frames)
+
+        until(felt, "a valid frame")
+        assert abs(frames[-1].wrench.force[2]) < 0.05
+        live.world.data.ctrl[2] = -PRESS_N
+        for _ in range(30):
+            live.step()
+        frames.clear()
+        until(felt, "a valid frame")
+        frames.clear()
+        until(felt, "a valid frame")
+        frame, true_n = frames[-1], live.world.pads["pad"].wrench[2]
+        assert frame.is_simulated
+        assert true_n == pytest.approx(-PRESS_N, abs=0.01)
+        assert frame.wrench.force[2] == pytest.approx(true_n, abs=0.05 + 0.15 * PRESS_N)
+        os.kill(live.daemons["pad"].pid, signal.SIGKILL)
+        end = time.monotonic() + 20
+        while not held.problem and time.monotonic() < end:
+            live.step()
+            held.newest()
+        assert "the grip is held" in held.problem
+        assert live.ports["pad"] in held.problem
+        assert held.newest() is None
+        before = live.world.data.qpos.copy()
+        for _ in range(20):  # the world goes on under the last command
+            live.step()
+        assert abs(live.world.data.qpos - before).max() < 1e-4
