@@ -58,11 +58,12 @@ class Place:
 
 
 def write_deck(
-    pad: Pad, mesh: PadMesh, indenter: Sheet, path: list[Place], friction: float, first_increment: float = 0.5
+    pad: Pad, mesh: PadMesh, indenter: Sheet, path: list[Place], friction: float, increment: float | None = None
 ) -> str:
     """The input file; the end of each place of the path is one step, whose results are printed.
 
-    `first_increment` is the part of a step that is tried first.
+    `increment` is the longest way (mm) of the indenter between two equilibria: friction follows the path, and a point
+    that touches within an increment sticks to where it was at its beginning. None: half a step, then freely.
     """
     n_pad, n_bricks = len(mesh.nodes), len(mesh.elements)
     start = Place(path[0].x, path[0].y, 0.0, path[0].turn).of(indenter.nodes)
@@ -83,9 +84,13 @@ def write_deck(
         lines += ["*FRICTION", f"{friction:.9g}, {STICK_STIFFNESS:.9g}"]
     lines += ["*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "SKIN, FACE"]
     lines += ["*BOUNDARY", "BASE, 1, 3"]
+    before = start
     for place in path:
         moved = place.of(indenter.nodes) - start
-        lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", f"{first_increment}, 1., {SMALLEST_INCREMENT}, 1."]
+        way = float(np.linalg.norm(moved + start - before, axis=1).max())
+        first, most = (0.5, 1.0) if increment is None else (min(1.0, increment / way),) * 2
+        before = moved + start
+        lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", f"{first:.6g}, 1., {SMALLEST_INCREMENT}, {most:.6g}"]
         lines += ["*CONTROLS, PARAMETERS=CONTACT", SETTLED_CONTACT, "*BOUNDARY"]
         lines += [f"{n_pad + i + 1},{c + 1},{c + 1},{u[c]:.9g}" for i, u in enumerate(moved) for c in range(3)]
         lines += ["*NODE PRINT, NSET=RIGID, TOTALS=ONLY, FREQUENCY=1000", "RF"]

@@ -14,7 +14,9 @@ from ruffini.sim.indenters import Indenter
 
 FINE_STEP = 0.65  # of the elements under the contact; the finest of ours are 0.83 mm
 LAYERS = (0.4, 0.65, 1.2, 1.75)  # of a pad of 4 mm, from the surface down
-SHEET_STEP = 0.25
+FINE_RADII = 0.4  # the same over the radius of a sharp indenter
+SHEET_STEP, SAGITTA = 0.25, 0.0014  # of a rigid facet: its longest edge, and its depth within the round surface
+INCREMENT = 0.04  # longest way between two equilibria; a flat face diverges in longer ones
 FLANK = 0.4  # around the face of a flat punch, at 45 degrees as the twin has it
 STIFFENING = 4.0  # Ogden's exponent: a pad that is clearly stiffer at large strain than a neo-Hookean one
 FRICTION = 0.7
@@ -83,8 +85,9 @@ def pad_mesh(pad: Pad, press: Press) -> PadMesh:
     """Fine where any indenter of the press goes."""
     touch, depth = press.recipe.touches[0], max(press.depths)
     half = [0.85 * r + 0.5 for r in reach(touch, depth)]
+    fine = FINE_STEP if touch.shape == "flat" else min(FINE_STEP, FINE_RADII * touch.radius)
     x, y = (
-        graded(-size / 2, size / 2, min(at, at + way) - h, max(at, at + way) + h, FINE_STEP)
+        graded(-size / 2, size / 2, min(at, at + way) - h, max(at, at + way) + h, fine)
         for size, at, way, h in zip((pad.size_x, pad.size_y), (touch.x, touch.y), touch.shift, half, strict=True)
     )
     z = -np.cumsum([0.0, *LAYERS])[::-1] * pad.thickness / sum(LAYERS)
@@ -96,7 +99,8 @@ def indenter(touch: Touch, depth: float) -> Sheet:
     if touch.shape == "flat":
         return punch(touch.radius, FLANK, SHEET_STEP)
     shape = Indenter(touch.shape, touch.radius * 1e-3)
-    return sheet(lambda x, y: shape.height(x * 1e-3, y * 1e-3) * 1e3, *reach(touch, depth), SHEET_STEP)
+    step = min(SHEET_STEP, float(np.sqrt(8 * touch.radius * SAGITTA)))
+    return sheet(lambda x, y: shape.height(x * 1e-3, y * 1e-3) * 1e3, *reach(touch, depth), step)
 
 
 def path_of(press: Press) -> tuple[list[Place], list[int]]:
@@ -118,6 +122,5 @@ def deck_of(board: Board, press: Press) -> tuple[PadMesh, str]:
     touch, pad = press.recipe.touches[0], pad_of(board, press.exponent)
     mesh = pad_mesh(pad, press)
     friction = FRICTION if touch.friction is None else 0.0
-    first_increment = 0.2 if touch.shape == "flat" else 0.5  # a whole face touches at once
     face, path = indenter(touch, max(press.depths)), path_of(press)[0]
-    return mesh, write_deck(pad, mesh, face, path, friction, first_increment)
+    return mesh, write_deck(pad, mesh, face, path, friction, INCREMENT)
