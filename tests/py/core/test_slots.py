@@ -15,13 +15,14 @@ from ruffini.native import library, stage_slots
 
 BOARDS = sorted(path.parent for path in (Path(__file__).parents[3] / "boards").glob("*/board.toml"))
 # Without a calibration: what needs no tables.
-MARKERS = {"change", "markers", "marker_state", "marker_quality"}
+MARKERS = {"change", "markers", "marker_state", "marker_quality", "features"}
 WITHOUT_TABLES = {
     "contact-glitter": MARKERS | {"displacement", "radial_flow", "profile"},
     "eltac": {"skin", "touches", "taxels", "glow", "contacts", "wrench", "wrench_validity", "force_validity"},
-    "ftouch": {"change", "targets"},
+    "ftouch": {"change", "targets", "features"},
     "gelsight-mini": MARKERS | {"displacement"},
     "gelslim": MARKERS | {"displacement"},
+    "gelsight-wedge": {"change", "features"},
     "stereo-fingertip": MARKERS,
     "stereo-fingertip-thick": MARKERS,
 }
