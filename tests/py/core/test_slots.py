@@ -23,6 +23,7 @@ WITHOUT_TABLES = {
     "gelsight-mini": MARKERS | {"displacement"},
     "gelsight-wedge": {"change", "features"},
     "gelslim": MARKERS | {"displacement"},
+    "gelsight-wedge": {"change", "features"},
     "stereo-fingertip": MARKERS,
     "stereo-fingertip-thick": MARKERS,
 }
