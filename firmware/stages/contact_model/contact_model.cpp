@@ -208,7 +208,8 @@ void ContactModel::accumulate(const Inputs& x, const Profile& profile, const Wre
   const int64_t side_y = wrench.force_y_un / 1'000;
   const int64_t most = press_mn / kStraightPart;
   const bool is_straight = side_x * side_x + side_y * side_y <= most * most;
-  if (depth < kMinDepthUm || depth > kMaxDepthUm || is_on_the_way_back || !is_straight || press_.n >= kMaxFrames) {
+  if (depth < kMinHardnessDepthUm || depth > kMaxHardnessDepthUm || is_on_the_way_back || !is_straight ||
+      press_.n >= kMaxFrames) {
     return;
   }
   int64_t kind = 0;

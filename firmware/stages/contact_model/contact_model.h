@@ -39,8 +39,8 @@ namespace ruffini {
 class ContactModel {
  public:
   static constexpr size_t kInputs = ModelledContact::kInputs;
-  static constexpr int64_t kMinDepthUm = 400;  // depth range for hardness (paper, section V-B)
-  static constexpr int64_t kMaxDepthUm = 1'800;
+  static constexpr int64_t kMinHardnessDepthUm = 400;  // depth range for hardness (paper, section V-B)
+  static constexpr int64_t kMaxHardnessDepthUm = 1'800;
   static constexpr int64_t kRangeUm = 2'500;  // paper, section V-A
   static constexpr size_t kBands = 10;        // of Shore A
   static constexpr int64_t kMinFrames = 3;

@@ -44,11 +44,15 @@ class PipelineTest : public testing::Test {
   Rest rest_{board_.camera.width_px, board_.camera.height_px, 1};
   Pipeline pipeline_{board_, rest_, state_, ticking_clock};
 
-  PipelineTest() { state_.markers.marker = markers_; }
+  PipelineTest() {
+    state_.markers.marker = markers_;
+    state_.features.sort = "markers";
+    state_.features.value.resize(2 * markers_.size());
+  }
 };
 
 TEST_F(PipelineTest, WithoutTablesRunsOnlyWhatNeedsNone) {
-  load(false, {Slot::kMarkers});
+  load(false, {Slot::kMarkers, Slot::kFeatures});
   EXPECT_FALSE(pipeline_.writes(Slot::kWrench));
   EXPECT_TRUE(pipeline_.writes(Slot::kProfile));
   EXPECT_FALSE(pipeline_.writes(Slot::kContactModel));
@@ -63,7 +67,7 @@ TEST_F(PipelineTest, WithoutTablesRunsOnlyWhatNeedsNone) {
 }
 
 TEST_F(PipelineTest, WithTablesRunsEveryStageOfTheBoard) {
-  load(true, {Slot::kMarkers});
+  load(true, {Slot::kMarkers, Slot::kFeatures});
   for (const Slot slot : {Slot::kWrench, Slot::kContactModel, Slot::kContacts, Slot::kDepth}) {
     EXPECT_TRUE(pipeline_.writes(slot)) << static_cast<int>(slot);
   }
@@ -71,7 +75,7 @@ TEST_F(PipelineTest, WithTablesRunsEveryStageOfTheBoard) {
 }
 
 TEST_F(PipelineTest, RunsFromASlotWhatDependsOnIt) {
-  load(true, {Slot::kMarkers});
+  load(true, {Slot::kMarkers, Slot::kFeatures});
   Frame now = frame();
   pipeline_.run_from(Slot::kWrench, now);
   EXPECT_EQ(time_of("feature_wrench"), 0U) << "it writes the wrench, and does not read it";

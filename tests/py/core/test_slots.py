@@ -21,7 +21,6 @@ WITHOUT_TABLES = {
     "eltac": {"skin", "touches", "taxels", "glow", "contacts", "wrench", "wrench_validity", "force_validity"},
     "ftouch": {"change", "targets", "features"},
     "gelsight-mini": MARKERS | {"displacement"},
-    "gelsight-wedge": {"change", "features"},
     "gelslim": MARKERS | {"displacement"},
     "gelsight-wedge": {"change", "features"},
     "stereo-fingertip": MARKERS,
