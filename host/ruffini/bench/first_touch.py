@@ -2,8 +2,8 @@
 
 The twin's frames go through the board's own front end and solve, with [contact] threshold_un alone ("board") and with
 the unit's noise as `cal fit --only threshold` measures it on untouched frames ("measured"): a ball and a flat punch
-come down by STEP_UM a frame; frames from the first that truly touches to the first that reports it, the true force then, and
-how far the reported force of faint touches is off. False contacts: in untouched rendered frames that were not fitted,
+come down by STEP_UM a frame; frames from the first that truly touches to the first that reports it, the true force
+then, and how far the reported force of faint touches is off. False contacts: in untouched rendered frames not fitted,
 under lamps that drift while they are followed, and in fields drawn with the covariance of those frames' noise. A strong
 press must stay one contact.
 """
