@@ -142,12 +142,12 @@ def row(page: Page, name: str) -> str:
 
 
 def test_a_person_is_guided_through_presses_until_they_are_done(
-    bench_twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     person: SlowPerson, page: Page,
 ) -> None:  # fmt: skip
     n_pressed = n_held = 0
     with EmulatedTextCell(1, unit="g", per_newton=GRAMS_A_NEWTON) as cell:
-        desk = Desk(bench_twin, tmp_path, person.person, capsys)
+        desk = Desk(twin, tmp_path, person.person, capsys)
         desk.bench.twin.listeners.append(cell.measure)
         with desk.running():
             rig = TEXT.format(port=cell.port) + LIMITS
@@ -180,10 +180,10 @@ def test_a_person_is_guided_through_presses_until_they_are_done(
 
 
 def test_questions_are_answered_on_the_page_and_stop_keeps_what_is_there(
-    bench_twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     person: SlowPerson, page: Page,
 ) -> None:  # fmt: skip
-    desk = Desk(bench_twin, tmp_path, person.person, capsys)
+    desk = Desk(twin, tmp_path, person.person, capsys)
     n_taken = 0
     with desk.running():
         words = ("--program", "weights", "--grams", "40,90", "--n", 3)
