@@ -88,17 +88,20 @@ def test_a_flipped_bit_in_the_first_chunk_costs_a_part_of_that_chunk(
 
 @pytest.mark.parametrize("where", ["over a chunk's head", "within a chunk", "over two chunks"])
 def test_zeros_cost_what_they_cover(run: Path, good: dict[int, dict[str, bytes]], tmp_path: Path, where: str) -> None:
-    starts = chunks(run)
-    begin, end = {
-        "over a chunk's head": (starts[2] - 5, starts[2] + 40),
-        "within a chunk": (starts[2] + 100, starts[2] + 300),
-        "over two chunks": (starts[2] - 10, starts[4] + 10),
-    }[where]
-    n, problems = frames_of(spoilt(run, tmp_path, begin, bytes(end - begin)), good)
-    n_lost = {"over two chunks": 4}.get(where, 2)
-    assert n >= N_FRAMES - 2 * n_lost  # a chunk of this size ends within a frame
-    assert n < N_FRAMES
-    assert any("lost" in p or "spoilt" in p or "holds" in p or "make no sense" in p for p in problems), problems
+    """At every chunk but the first and the last two: which of them hold a part of a frame depends on the line's pace."""
+    starts, lost = chunks(run), []
+    for i in range(1, len(starts) - 2):
+        begin, end = {
+            "over a chunk's head": (starts[i] - 5, starts[i] + 40),
+            "within a chunk": (starts[i] + 100, starts[i] + 300),
+            "over two chunks": (starts[i] - 10, starts[i + 2] + 10),
+        }[where]
+        n, problems = frames_of(spoilt(run, tmp_path, begin, bytes(end - begin)), good)
+        n_lost = {"over two chunks": 4}.get(where, 2)
+        assert n >= N_FRAMES - 2 * n_lost  # a chunk of this size ends within a frame
+        assert any("lost" in p or "spoilt" in p or "holds" in p or "make no sense" in p for p in problems), problems
+        lost.append(N_FRAMES - n)
+    assert max(lost) > 0
 
 
 def test_zeros_from_the_first_byte_cost_what_they_cover(

@@ -46,6 +46,11 @@ class Backlog:
         self._n_bytes -= len(frame.payload)
         return frame, message
 
+    def clear(self) -> None:
+        """Remove all messages."""
+        self._waiting.clear()
+        self._n_bytes = 0
+
     def take(self, is_wanted: Callable[[Frame, Any], bool], seen: int = 0) -> Any | None:
         """Remove and return the oldest wanted message, ignoring the first `seen` messages ever added; None if none."""
         first = max(len(self) - (self.n_added - seen), 0)

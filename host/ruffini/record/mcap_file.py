@@ -93,6 +93,9 @@ def record_stream(
             register_messages(writer, "HELLO", sensor.schema.bytes), log_time=0, data=hello, publish_time=0
         )
         ros = RosChannels(writer, sensor.hello)
+        # Messages whose bytes arrived before the recording are not in the raw bytes: they belong to no topic either.
+        sensor.messages.clear()
+        is_older = sensor.decoder.is_midway
         sensor.raw_sink = keep_raw
         sensor.subscribe(
             wrench=1, field=1, depth=1, contacts=1, markers=1, learned=1, status=1, image=image_every,
@@ -105,6 +108,9 @@ def record_stream(
         try:
             for frame, message in sensor.stream(timeout_s=silence_s, resume_s=resume_s, on_gap=keep_gap):
                 n_taken = frame.end
+                if is_older:
+                    is_older = False
+                    continue
                 name = sensor.schema.type_name(frame.type)
                 if name is None or name in ("HELLO", "SCHEMA", "REPLY"):
                     continue

@@ -143,6 +143,11 @@ class Decoder:
     _open: tuple[int, ...] | None = None
     _last: dict[int, int] = field(default_factory=dict)
 
+    @property
+    def is_midway(self) -> bool:
+        """True if bytes of a message have been fed, but not its end."""
+        return bool(self._buffer) or self._open is not None
+
     def feed(self, data: bytes) -> Iterator[Frame]:
         """The messages that `data` completes."""
         start, n_before = 0, self.n_fed

@@ -155,7 +155,8 @@ def fit_wrench_map(
     ways = (False, True) if seen.features.shape[1] <= FEW else (False,)
     lags = [_lag(runs, has_memory) for has_memory in ways] if _has_sequences(seen) else [0.0]
     if all(run.is_row_by_row for run in runs):
-        lags = [0.0 if abs(lag) < SAME_ROW_S else lag for lag in lags]
+        is_paired = abs(lags[0]) < SAME_ROW_S or not _is_lag_common(runs)
+        lags = [0.0 if is_paired or abs(lag) < SAME_ROW_S else lag for lag in lags]
     if abs(lags[-1] - lags[0]) < SAME_LAG_S:
         lags = lags[:1]
     nonlinear = nonlinear and seen.features.shape[1] > FEW and len(seen.features) >= LEAST_FRAMES
@@ -368,6 +369,22 @@ def _lag(runs: list[FeatureRun], has_memory: bool) -> float:
     best = min(max(best, 1), len(LAGS_S) - 2)
     before, at, after = misfit[best - 1 : best + 2]
     return float(LAGS_S[best] + (LAGS_S[1] - LAGS_S[0]) * 0.5 * (before - after) / (before - 2 * at + after))
+
+
+def _is_lag_common(runs: list[FeatureRun]) -> bool:
+    """True if the lag stays the same whichever recording is left out, of three or more.
+
+    A lag of the reference is common to all recordings; one that a single recording decides is that recording's glitch.
+    """
+    numbers = recordings_of(runs)
+    names = np.unique(numbers)
+    if len(names) < 3:
+        return True
+    try:
+        lags = [_lag([r for r, k in zip(runs, numbers, strict=True) if k != name], False) for name in names]
+    except InputError:  # at the end of the range
+        return False
+    return max(lags) - min(lags) < SAME_ROW_S
 
 
 def _checks(frames: Frames) -> list[str]:

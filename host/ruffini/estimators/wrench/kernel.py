@@ -32,10 +32,11 @@ WIDE_LENGTH, START_LENGTH = 3.0, 1.4  # of the spread of all features together
 # the largest likelihood of fitted touches of a real log. The longest is what remains far from all landmarks.
 LONGEST, N_LENGTHS, GROWTH = 4.0, 5, 2.5
 HALVED = tuple((LONGEST / 2**i, (LONGEST / 2**i) ** GROWTH) for i in range(N_LENGTHS))
-CURVES = {"wide": ((1.0, 1.0),), "narrow": HALVED, "smooth": ((1.0, 1.0),)}  # length and part
+GAUSSIAN = ((1.0, 1.0),)  # length and part
 LEAST_TOUCHES = 50  # for relevance: fewer tell of no direction how fast the wrench changes along it
 NOISE = 2e-3  # of the wide one: variance over that of the kernel
-SMOOTH_LENGTH, SMOOTH_NOISE = 4.0, 3e-2  # least errors on objects left out of a real log of eight
+# Lengths and noises of the smooth one, of which what was left out of the fit chooses.
+SMOOTH = {f"smooth {length:g} {noise:g}": (length, noise) for length in (2.0, 4.0, 8.0) for noise in (0.01, 0.1)}
 LINEAR = 0.64  # variance of K's part over that of the kernel, at one spread
 # Errors of neighbouring frames of a touch correlate by a half: there are a third as many independent ones.
 INDEPENDENT = 1 / 3
@@ -97,30 +98,28 @@ def distances(a: Array, b: Array) -> Array:
 
 def shape_names(touch: npt.NDArray[np.intp]) -> list[str]:
     """The shapes to try on a log of these touches."""
-    return ["wide", "narrow" if len(np.unique(touch)) >= LEAST_TOUCHES else "smooth"]
+    return ["wide", "narrow"] if len(np.unique(touch)) >= LEAST_TOUCHES else ["wide", *SMOOTH]
 
 
 def candidates(
-    features: Array, wrench: Array, touch: npt.NDArray[np.intp], names: Sequence[str] = tuple(CURVES)
+    features: Array, wrench: Array, touch: npt.NDArray[np.intp], names: Sequence[str] = ("wide", "narrow")
 ) -> list[Shape]:
     """The shapes to choose from, by name."""
     spread = float(np.sqrt(features.var(axis=0).sum()))
     _, sizes, directions = np.linalg.svd((features - features.mean(axis=0)) / spread, full_matrices=False)
-    curves = {name: _curve(parts) for name, parts in CURVES.items()}
+    gaussian, noise = _curve(GAUSSIAN), np.full(6, NOISE)
     wide = directions[: N_DIRECTIONS["wide"]] / (WIDE_LENGTH * spread)
-    smooth = directions[: N_DIRECTIONS["smooth"]] / (SMOOTH_LENGTH * spread)
-    noise = np.full(6, NOISE)
-    found = {
-        "wide": Shape("wide", wide, curves["wide"], noise, LINEAR, spread),
-        "smooth": Shape("smooth", smooth, curves["smooth"], np.full(6, SMOOTH_NOISE), 0.0, spread),
-    }
+    found = {"wide": Shape("wide", wide, gaussian, noise, LINEAR, spread)}
+    smooth = directions[: N_DIRECTIONS["smooth"]] / spread
+    for name, (length, part) in SMOOTH.items():
+        found[name] = Shape(name, smooth / length, gaussian, np.full(6, part), 0.0, spread)
     if "narrow" in names:
         narrow = directions[: min(N_DIRECTIONS["narrow"], int((sizes > 1e-9).sum()))]
-        first = Shape("narrow", narrow / (START_LENGTH * spread), curves["wide"], noise, LINEAR, spread)
+        first = Shape("narrow", narrow / (START_LENGTH * spread), gaussian, noise, LINEAR, spread)
         weight = _solved(features, wrench, first)[2]
         lengths, noise_found, linear = _relevance(features @ narrow.T / spread, wrench, touch, weight)
         scaled = narrow / (lengths[:, None] * spread)
-        found["narrow"] = Shape("narrow", scaled, curves["narrow"], noise_found, linear, spread)
+        found["narrow"] = Shape("narrow", scaled, _curve(HALVED), noise_found, linear, spread)
     return [found[name] for name in names]
 
 
