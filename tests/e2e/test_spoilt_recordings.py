@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import random
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -159,6 +160,22 @@ def test_a_whole_file_recovered_is_as_it_was(run: Path, good: dict[int, dict[str
     counts = recover(Recording(run), tmp_path / "same.mcap")
     assert counts["frames"] == N_FRAMES
     assert frames_of(tmp_path / "same.mcap", good) == (N_FRAMES, [])
+
+
+def test_a_topic_holds_the_messages_of_the_raw_bytes_and_no_older_ones(sensor: Sensor, tmp_path: Path) -> None:
+    path = tmp_path / "late.mcap"
+    with start(sensor, tmp_path / "store", "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        host.flash(sensor.calibration)
+        host.subscribe(wrench=1, markers=1)
+        for _ in zip(range(6), host.stream(), strict=False):
+            pass
+        assert host.status() is not None
+        assert len(host.messages) > 0, "some arrived before the recording"
+        counts = record_stream(host, path)
+    recording = Recording(path)
+    in_raw = Counter(recording.schema.type_name(frame.type) for frame, _ in recording.packets())
+    assert counts["WRENCH"] == in_raw["WRENCH"] > 0
+    assert counts["MARKERS"] == in_raw["MARKERS"] > 0
 
 
 def test_chunk_heads_are_found_where_the_index_has_them(run: Path) -> None:

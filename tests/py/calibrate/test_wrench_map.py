@@ -88,6 +88,18 @@ def test_k_and_the_lag_of_a_linear_sensor() -> None:
     assert (fit.r2 > 0.99).all()
 
 
+def behind(run: FeatureRun, lag_s: float, size: float = 1.0) -> FeatureRun:
+    """With its reference by `lag_s` behind the pictures, and all of it `size` times as large."""
+    late = np.stack([np.interp(run.time_s - (lag_s - LAG_S), run.time_s, column) for column in run.reference.T], axis=1)
+    return replace(run, features=run.features * size, reference=late * size)
+
+
+def test_a_lag_that_one_recording_decides_is_not_the_logs() -> None:
+    paired = [behind(run, 0.0) for run in recordings(6)]
+    assert fitted([*paired[:5], behind(recordings(6)[5], 0.06, 60.0)]).lag_s == 0
+    assert fitted([behind(run, 0.06) for run in recordings(6)]).lag_s == pytest.approx(0.06, abs=0.004)
+
+
 def test_quadratic_terms_stay_where_they_pay() -> None:
     fit = fitted(recordings(30, bend=0.08))
     assert fit.terms["quadratic"]

@@ -100,6 +100,17 @@ def test_a_message_says_where_it_ended(size: int) -> None:
     assert decoder.n_fed == len(stream)
 
 
+def test_it_is_midway_from_the_first_byte_of_a_message_to_its_last() -> None:
+    sent, decoder = encode_message(6, bytes(5_000), sensor=0, sequence=1, flags=0), Decoder()
+    assert len(sent.split(b"\0")) > 2, "it comes in fragments"
+    assert not decoder.is_midway
+    for at in range(len(sent) - 1):
+        assert not list(decoder.feed(sent[at : at + 1]))
+        assert decoder.is_midway
+    assert len(list(decoder.feed(sent[-1:]))) == 1
+    assert not decoder.is_midway
+
+
 def test_lost_messages_are_counted_by_sensor() -> None:
     decoder = Decoder()
     for sensor, sequence in ((0, 0xFFFFFFFD), (1, 9), (0, 0), (1, 10), (0, 1)):
