@@ -30,7 +30,7 @@ from ruffini.estimators.operator.page import write_page
 from ruffini.estimators.operator.report import report_of
 from ruffini.estimators.relaxation import stage as relaxation
 from ruffini.estimators.relaxation.fit import fit_relaxation
-from ruffini.estimators.table import applying
+from ruffini.estimators.table import BY_NAME, applying
 from ruffini.estimators.threshold import fit as contact_noise
 from ruffini.estimators.threshold import stage as threshold
 from ruffini.rig.log_file import Log, TouchRecord, write_log
@@ -143,6 +143,23 @@ def test_skipped_stages_keep_what_was_before(fitted, board: Board, tmp_path: Pat
         run_stages(job, frozenset({"polish"}), tell=lambda *_: None)
     with pytest.raises(InputError, match="nothing gives this board its colours"):
         run_stages(Job(board, [log]), frozenset(), tell=lambda *_: None)
+
+
+def test_what_a_skipped_stage_needs_is_asked_of_the_previous_calibration() -> None:
+    """A contact model's wrench is fitted with it: a file with either alone stands in for neither."""
+    glitter = find_board("contact-glitter")
+
+    def kept_of(*kinds: str) -> Outcome:
+        tensors = {f"{kind}.x": np.zeros(2, np.int32) for kind in kinds}
+        previous = container.pack(tensors, container.base_metadata(glitter)) if kinds else None
+        return BY_NAME["contact"].keep(Job(glitter, [], previous))
+
+    for kinds, missing in (
+        ((), "contact_model or wrench"), (("contact_model", "contact_depth"), "wrench"), (("wrench",), "contact_model"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=rf"--skip contact needs .* no file that was given has {missing}: give"):
+            kept_of(*kinds)
+    assert kept_of("contact_model", "wrench").state == "kept"
 
 
 def only_threshold(
