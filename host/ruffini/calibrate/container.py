@@ -262,7 +262,7 @@ def write(path: Path, file: CalibrationFile) -> None:
 
 def _merged_gates(files: list[CalibrationFile]) -> dict[str, str]:
     """`gates` and `residuals` of the whole: the last file's figures with the gates of all."""
-    trees = [_residuals(file) for file in files]
+    trees = [residuals(file) for file in files]
     rows = [row for tree in trees for row in tree.get("gates", [])]
     said = [file.metadata.get("gates", "") for file in files]
     out = {"residuals": json.dumps({**trees[-1], **({"gates": rows} if rows else {})})} if rows else {}
@@ -272,7 +272,8 @@ def _merged_gates(files: list[CalibrationFile]) -> dict[str, str]:
     return {**out, "gates": PASSED} if all(text == PASSED for text in said) else out
 
 
-def _residuals(file: CalibrationFile) -> dict[str, Any]:
+def residuals(file: CalibrationFile) -> dict[str, Any]:
+    """The report that a file carries; empty where it has none that can be read."""
     with contextlib.suppress(ValueError):
         tree = json.loads(file.metadata.get("residuals", "{}"))
         if isinstance(tree, dict) and isinstance(tree.get("gates", []), list):

@@ -23,13 +23,17 @@ HARD_N = 2.0  # below, a skin's force is judged in newtons by what the calibrati
 
 
 class Gate(NamedTuple):
-    """One condition; `ok` is None where it could not be judged (it does not refuse then)."""
+    """One condition; `ok` is None where it could not be judged (it does not refuse then).
+
+    stage : name of the estimator that states it; empty for conditions on the log or on the whole file.
+    """
 
     name: str
     ok: bool | None
     value: float | None
     limit: float | None
     text: str
+    stage: str = ""
 
 
 def at_most(name: str, value: float, limit: float, what: str) -> Gate:

@@ -80,7 +80,8 @@ class OldFit(TyperCommand):
     """`cal STAGE` of the release before: `cal fit --only STAGE`."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        return super().make_context(info_name, ["--only", str(info_name), *args], parent=parent, **extra)
+        words = ["--only", str(info_name), *fit.of_old_options(str(info_name), args)]
+        return super().make_context(info_name, words, parent=parent, **extra)
 
 
 def _add(group: typer.Typer, verbs: Mapping[str, Function], panel: str | None = None) -> None:

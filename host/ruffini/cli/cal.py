@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, emit_judged, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, emit_judged, note, note_start, progress_bar
 from ruffini.cli.device import open_sensor
 from ruffini.errors import InputError
 
@@ -202,7 +202,7 @@ def material(
     json_: JsonFlag = False,
 ) -> None:
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
-    note(f"cal material: board {board}")
+    note_start("cal material", board)
     from ruffini.calibrate import container
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.material.fit import fit_material, log_from_recording
@@ -249,7 +249,7 @@ def fit_relaxation_of_log(
     json_: JsonFlag = False,
 ) -> None:
     """Fit how much force the pad loses under a held strain, and how fast, to a recording with a reference wrench."""
-    note(f"cal relaxation: board {board}")
+    note_start("cal relaxation", board)
     from ruffini.calibrate import container
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.relaxation.fit import fit_relaxation, log_from_recording

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit, note
+from ruffini.cli.common import JsonFlag, emit, note, note_start
 from ruffini.cli.device import open_sensor
 from ruffini.errors import InputError, RefusedError
 
@@ -34,7 +34,7 @@ def check(
     json_: JsonFlag = False,
 ) -> None:
     """One weight or one ball: does this unit still meet its report?"""
-    note(f"cal check: board {board}")
+    note_start("cal check", board)
     from ruffini.calibrate import container
     from ruffini.rig.check import check_ball, check_weight
 

@@ -58,6 +58,11 @@ def note(text: str) -> None:
         print(printable(text), file=sys.stderr, flush=True)
 
 
+def note_start(verb: str, board: str | None) -> None:
+    """`note` what begins, with its board where one is named."""
+    note(f"{verb} ..." if board is None else f"{verb}: board {board}")
+
+
 @contextlib.contextmanager
 def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
     """A bar on stderr on a terminal, plain lines elsewhere; yields a function that takes the fraction done, 0 to 1.

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, note_start, progress_bar
 from ruffini.cli.wrench import (
     ColumnsOption,
     FeaturesOption,
@@ -118,7 +118,7 @@ def photometric(
     json_: JsonFlag = False,
 ) -> None:
     """Normals, cap shape and height of ball presses with the device's own arithmetic; depth of untouched images."""
-    note(f"eval photometric: board {board}")
+    note_start("eval photometric", board)
     from ruffini.calibrate import container
     from ruffini.estimators.photometric.presses import load_presses, reference_images
     from ruffini.estimators.photometric.stage import PHOTOMETRIC
@@ -152,7 +152,7 @@ def flow(
     json_: JsonFlag = False,
 ) -> None:
     """The texture flow on known warps, beside OpenCV's dense inverse search in the same run."""
-    note(f"eval flow: board {board}")
+    note_start("eval flow", board)
     from ruffini.boards import find_board
     from ruffini.evaluate import flow as judge
     from ruffini.frames import read_image

@@ -9,13 +9,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
+from ruffini.cli.common import JsonFlag, emit_judged, note, note_start, progress_bar
+from ruffini.errors import InputError
 
 if TYPE_CHECKING:
     from ruffini.calibrate.fit.job import Outcome
 
 
-OLD_STAGES = {"touch": "threshold"}  # names of the release before
+# Names of the release before: of stages, of their verbs' options, and what stands in for options that are gone.
+OLD_STAGES = {"touch": "threshold"}
+OLD_OPTIONS = {("fingertip", "--only"): "--pattern"}
+GONE_OPTIONS = {
+    ("contact", "--report"): "`--json` prints the report, > FILE keeps it",
+    ("skin", "--method"): "skins are fitted by taxels alone, so leave it out",
+    ("skin", "--most-n"): "it was of --method paper, and skins are fitted by taxels alone, so leave it out",
+}
 
 
 def fit(
@@ -60,13 +68,12 @@ def fit(
     json_: JsonFlag = False,
 ) -> None:
     """Fit what the board needs, stage after stage, to a log; the file carries its gates."""
-    note(f"cal fit: board {board}")
+    note_start("cal fit", board)
     from ruffini.boards import find_board
     from ruffini.calibrate import container, keys
     from ruffini.calibrate.fit.job import Job
     from ruffini.calibrate.fit.run import finished, run_stages
     from ruffini.calibrate.gates import failed
-    from ruffini.errors import InputError
     from ruffini.estimators.material.prior import read_prior
     from ruffini.estimators.table import BY_NAME
 
@@ -110,6 +117,26 @@ def fit(
         f"{out}: {', '.join(file.kinds)} from {', '.join(path.name for path in paths)}"
         + ("" if bad else "; passes its gates") + details,
     )  # fmt: skip
+
+
+def of_old_options(stage: str, words: list[str]) -> list[str]:
+    """The words after an old verb `cal STAGE`, with today's names of its options, which are printed.
+
+    Raises
+    ------
+    InputError
+        An option is gone; the text says what to use.
+    """
+    out = []
+    for word in words:
+        option, *value = word.split("=", 1)
+        if text := GONE_OPTIONS.get((stage, option)):
+            raise InputError(f"{option} of `cal {stage}` is gone: {text}")
+        if new := OLD_OPTIONS.get((stage, option)):
+            note(f"{option} of `cal {stage}` is now {new}")
+            option = new
+        out.append("=".join([option, *value]))
+    return out
 
 
 def teller() -> Callable[[str, Outcome, float], None]:

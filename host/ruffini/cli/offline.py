@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, note_start, progress_bar
 from ruffini.errors import InputError
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def depth(
     json_: JsonFlag = False,
 ) -> None:
     """Depth of the surface in single images, against an untouched one."""
-    note(f"depth: board {board}")
+    note_start("depth", board)
     import cv2
     import numpy as np
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
+from ruffini.cli.common import JsonFlag, emit_judged, note, note_start, progress_bar
 
 
 def report(
@@ -21,10 +21,11 @@ def report(
     json_: JsonFlag = False,
 ) -> None:
     """Judge a calibration on a log: gates, residuals, coverage, accuracy against presses, as one page and JSON."""
-    note(f"cal report: board {board}")
+    note_start("cal report", board)
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import failed
     from ruffini.calibrate.report.fewer_presses import accuracy_text
+    from ruffini.errors import InputError
     from ruffini.estimators.material.prior import read_prior
     from ruffini.estimators.table import reported_by
     from ruffini.files import write_whole
@@ -34,8 +35,14 @@ def report(
     before = None if previous is None else container.read(previous)
     if before is not None:
         container.check_board(before, found)
+    judge = reported_by(file)
+    if fleet is not None and not judge.takes_prior:
+        raise InputError(
+            f"--prior {fleet}: the numbers of a fleet's pads are of no use to the report of stage {judge.name}: leave "
+            "the option out"
+        )
     with progress_bar("report") as progress:
-        made = reported_by(file).report(
+        made = judge.report(
             found, file, logs, previous=before, fleet=None if fleet is None else read_prior(fleet, found),
             progress=progress,
         )  # fmt: skip

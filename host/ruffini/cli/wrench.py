@@ -123,6 +123,11 @@ def wrench(
     if not paths:
         raise InputError("no log: give files or folders")
     named = columns_of(columns, time, features, unit, wrench_columns, wrench_unit, touch, recording)
+    if videos is not None and named is not None:
+        raise InputError(f"--videos {videos} names the columns of the CSV files: leave --columns and the options that "
+                         "name columns out, or --videos")  # fmt: skip
+    if videos is not None and board is None:
+        raise InputError("--videos needs --board: the features of a video are those that its board computes")
     found = find_board(board) if board else None
     if named is not None:
         read = read_column_logs(paths, named)

@@ -118,8 +118,6 @@ def _of_bench(board: Board, folder: Path, balls: Path | None) -> CalibrationFile
     from ruffini.calibrate.auto.fingertip import eyes_apart_mm
     from ruffini.calibrate.fit.job import Job
     from ruffini.calibrate.fit.run import finished, run_stages
-    from ruffini.estimators.fingertip.fit import fit_fingertip
-    from ruffini.estimators.fingertip.tables import calibration
     from ruffini.sim.optics.known_points import write_known_points
     from ruffini.sim.reproduce.make import reproduce
 
@@ -128,11 +126,10 @@ def _of_bench(board: Board, folder: Path, balls: Path | None) -> CalibrationFile
         outcome = reproduce(board, presses, bench=BENCH, n_workers=n_workers, progress=progress)
     if not outcome.n_made:
         raise InputError(f"{BENCH} of {board.name}: no press has a solution: {next(iter(outcome.failed.values()))}")
-    if isinstance(task_of(board), Turned):
-        with progress_bar("fit") as progress:
-            return calibration(board, fit_fingertip(board, presses, eyes_apart_mm(board), progress))
     is_tube = board.skin is not None and board.skin.shape == "tube"
-    job = Job(board, [presses], balls=balls, points=write_known_points(board, folder) if is_tube else None)
+    points = write_known_points(board, folder) if is_tube else None
+    baseline_mm = eyes_apart_mm(board) if isinstance(task_of(board), Turned) else None
+    job = Job(board, [presses], balls=balls, points=points, baseline_mm=baseline_mm)
     with progress_bar("fit") as progress:
         outcomes = run_stages(job, frozenset(), tell=lambda *_: None, progress=lambda _, done: progress(done))
         return finished(job, outcomes)[0]

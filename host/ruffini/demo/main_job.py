@@ -134,20 +134,27 @@ def _show(live: LiveField, run: Run, frame: int, truth: Array | None, sensor: Co
     live.show(None if field is None else field.raw_force, wrench.values, true, flags)
 
 
-def _check_sums(run: Run) -> int:
-    """Largest difference between a wrench's force and its field's sum, in micronewton: must be 0."""
-    worst = 0
+def check_sums(run: Run) -> int:
+    """Largest difference between a wrench's force and its field's sum, in micronewton: must be 0.
+
+    Raises
+    ------
+    CheckFailed
+        A field is not measured along an axis of its wrench that is, or there is nothing to compare.
+    """
+    differences = list[int]()
     for i, wrench in run.results["WRENCH"].items():
+        seen = np.isfinite(wrench.values[:3])
         got = run.results["FIELD"].get(i)
-        if got is None or np.isnan(wrench.values[0]):
+        if got is None or not seen.any():
             continue
+        if not np.isfinite(got.force[..., seen]).all():
+            raise CheckFailed(f"frame {i}: the wrench is measured along an axis along which its field is not")
         total = got.force_steps.astype(np.int64).sum(axis=(0, 1)) * round(got.force_lsb_n * 1e6)
-        measured = np.nan_to_num(wrench.values[:3]) * 1e6
-        seen = ~np.isnan(wrench.values[:3]) & np.isfinite(got.force).all(axis=(0, 1))
-        if not seen.any():  # a field that is not measured
-            continue
-        worst = max(worst, int(np.abs(total - np.round(measured))[seen].max()))
-    return worst
+        differences.append(int(np.abs(total[seen] - np.round(wrench.values[:3][seen] * 1e6)).max()))
+    if not differences:
+        raise CheckFailed("no frame came with both a measured wrench and its field: their sums cannot be compared")
+    return max(differences)
 
 
 def run_twin(board_name: str, out: Path, *, as_json: bool) -> None:
@@ -202,7 +209,7 @@ def _report_twin(
     per_mm = np.array([1, 1, 1, 1e3, 1e3, 1e3])
     pictures.append(wrench_over_time(out / "wrench.png", truth["time_s"][frames], measured * per_mm,
                                      title=f"{badge}: wrench over the line", truth=true * per_mm))  # fmt: skip
-    sums = _check_sums(run)
+    sums = check_sums(run) if has_field(board) else 0
     error_p95, limit = float(np.percentile(error, 95)), MAX_ERROR if photometric else MAX_ERROR_OF_A_LOOK
     result = {
         "board": board.name, "simulated": True, "frames": len(run.frames()), "valid_frames": len(frames),
@@ -336,7 +343,7 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
                                   place_mm=depth_places(board, 0 * deepest.raw_depth, deepest.step_px) * 1e3,
                                   title=f"{board.name}: depth, frame {deepest.frame} (UNCALIBRATED)"))  # fmt: skip
     within = bool((before <= 3 * sigma).all())
-    sums = _check_sums(run)
+    sums = check_sums(run) if has_field(board) else 0
     result = {
         "board": board.name, "frames": len(run.frames()), "rest_frames": n_rest, "rest_displacement_px": rest_px,
         "rest_displacement_rms_px": float(np.linalg.norm(rest_rms_px)),

@@ -34,7 +34,8 @@ class Estimator:
     name: ClassVar[str]  # of `cal fit --only NAME`, and in a file's manifest
     kinds: ClassVar[tuple[str, ...]] = ()  # of a calibration file that it makes; the first one is its own
     is_reported: ClassVar[bool] = False  # a file with `kinds[0]` is judged by `report`
-    needs_previous: ClassVar[bool] = False  # nothing stands in if a fit leaves it out
+    takes_prior: ClassVar[bool] = False  # `report` begins its fits of fewer presses with a fleet's numbers
+    needed: ClassVar[tuple[str, ...]] = ()  # kinds of `kinds` that nothing stands in for if a fit leaves it out
     task: ClassVar[Task | Turned | None] = None  # what a bench presses for it; None: it is fitted to others' touches
     first_program: ClassVar[str] = ""  # touches that it is fitted to before the task's, with a bench that has nothing
 
@@ -48,13 +49,20 @@ class Estimator:
 
     def keep(self, job: Job) -> Outcome:
         """Stand in for a fit that is left out: what was given, else the previous calibration's, else the board's."""
-        own, *_ = [job.take(kind) for kind in self.kinds]
-        if own is None and self.needs_previous:
-            raise InputError(f"--skip {self.name} needs a calibration that has one: give --previous FILE")
-        return own or Outcome("board", "none")
+        taken = {kind: job.take(kind) for kind in self.kinds}
+        missing = [kind for kind in self.needed if taken[kind] is None]
+        if missing:
+            raise InputError(
+                f"--skip {self.name} needs a calibration with {' and '.join(self.needed)}, and no file that was given "
+                f"has {' or '.join(missing)}: give one that does as --previous FILE"
+            )
+        return taken[self.kinds[0]] or Outcome("board", "none")
 
     def start(self, job: Job) -> None:
         """Make the tables that follow from the board alone, before there is a log; most have none."""
+
+    def check_log(self, board: Board) -> None:
+        """Raises InputError if a log of `cal collect` does not keep what the fit reads of this board."""
 
     def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
         """Judge the report of its fit, on what the fit left out."""

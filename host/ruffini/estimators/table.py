@@ -47,19 +47,29 @@ def task_of(board: Board) -> Task | Turned:
     Raises
     ------
     InputError
-        It has no estimator that can be fitted.
+        It has no estimator that can be fitted, or one whose fit reads what a log does not keep.
     """
     for estimator in applying(board):
         if estimator.task is not None:
+            estimator.check_log(board)
             return estimator.task
     raise InputError(f"board {board.name!r} has no estimator yet that `cal auto` could fit: its stages "
                      f"({', '.join(board.pipeline.stages)}) make no force, no wrench, no skin's contacts")  # fmt: skip
 
 
 def pressed_for(board: Board) -> Task:
-    """The task whose depth, shear and ball suit a board: its estimator's, or that of forces if a bench presses none."""
-    tasks = [estimator.task for estimator in applying(board)]
-    return next((task for task in tasks if isinstance(task, Task)), FORCES)
+    """The task whose depth, shear and ball suit a board: its estimator's, or that of forces if a bench presses none.
+
+    Raises
+    ------
+    InputError
+        The fit of that estimator reads what a log does not keep.
+    """
+    for estimator in applying(board):
+        if isinstance(estimator.task, Task):
+            estimator.check_log(board)
+            return estimator.task
+    return FORCES
 
 
 def reported_by(file: CalibrationFile) -> Estimator:

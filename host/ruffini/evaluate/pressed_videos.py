@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.log.videos import VideoColumns, read_video_log, videos_in
+from ruffini.errors import InputError
 from ruffini.estimators.wrench.fit import fit_wrench_map
 from ruffini.estimators.wrench.log import FeatureRun
 from ruffini.estimators.wrench.model import frames_of
@@ -23,6 +24,7 @@ Z = 2  # the axis that a load cell reads
 
 # The peer: principal components of the picture made small, less the first frames', and ridge regression.
 PEER_SIZE, N_COMPONENTS, N_REFERENCE, PEER_RIDGE = (40, 30), 60, 5, 1.0
+LEAST_OBJECTS = 3
 UNTOUCHED_S = 1.0  # the gripper closes later
 
 
@@ -80,8 +82,13 @@ def evaluate(
         As `read_video_log`, or fewer than three objects.
     """
     log = read_video_log([folder], board, columns, progress=lambda part: progress(0.2 * part))
-    pictures = _small_pictures(folder, board, log.runs) if peers else {}
     names = list(dict.fromkeys(run.recording for run in log.runs))
+    if len(names) < LEAST_OBJECTS:
+        raise InputError(
+            f"{folder}: videos of {len(names)} objects ({', '.join(names)}): {LEAST_OBJECTS} are needed, since each is "
+            "judged by a fit to the others, which leaves one more out to choose its terms"
+        )
+    pictures = _small_pictures(folder, board, log.runs) if peers else {}
     closings = list[Judged]()
     for i, name in enumerate(names):
         fitted = [run for run in log.runs if run.recording != name]
@@ -99,7 +106,7 @@ def _small_pictures(folder: Path, board: Board, runs: list[FeatureRun]) -> dict[
     """Of each run's frames (t, n), less the mean of the video's first, by the run's name."""
     import cv2
 
-    videos = {video.stem: video for video in videos_in(folder)}
+    videos = {video.stem: video for video in videos_in([folder]).read}
     out = dict[str, Array]()
     for run in runs:
         small = [cv2.resize(image, PEER_SIZE, interpolation=cv2.INTER_AREA) for image in read_frames(videos[run.name])]
@@ -114,8 +121,9 @@ def _peer(fitted: list[tuple[Array, Array]]) -> Callable[[Array], Array]:
     from sklearn.linear_model import Ridge
     from sklearn.pipeline import make_pipeline
 
-    model = make_pipeline(PCA(N_COMPONENTS, random_state=0), Ridge(PEER_RIDGE))
-    model.fit(np.concatenate([x for x, _ in fitted]), np.concatenate([y for _, y in fitted]))
+    pictures, force = (np.concatenate(parts) for parts in zip(*fitted, strict=True))
+    model = make_pipeline(PCA(min(N_COMPONENTS, *pictures.shape), random_state=0), Ridge(PEER_RIDGE))
+    model.fit(pictures, force)
     return lambda x: np.asarray(model.predict(x), np.float64)
 
 

@@ -18,7 +18,7 @@ from ruffini.frame_server import FrameServer
 from ruffini.frames import read_frames
 
 MEASURED, SIMULATED = b"RFRC", b"RFRS"
-LEAST_HZ, MOST_HZ = 0.1, 1000.0  # of a video; what another one states is nonsense
+LEAST_MHZ, MOST_MHZ = 100, 1_000_000  # as in a board.toml; a video that states another rate is played at the board's
 
 
 class RecordingServer(FrameServer):
@@ -82,8 +82,10 @@ def _said_of(recording: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not TOML: {error}") from error
     for key, kind, what in (("simulated", bool, "true or false"), ("rate_mhz", int, "a whole number"),
                             ("board", str, "a text")):  # fmt: skip
-        if not isinstance(said.get(key, kind()), kind):
+        if type(said.get(key, kind())) is not kind:  # True is an int, too
             raise InputError(f"{path}: {key} must be {what} (boards/README.md lists the keys)")
+    if not LEAST_MHZ <= said.get("rate_mhz", LEAST_MHZ) <= MOST_MHZ:
+        raise InputError(f"{path}: rate_mhz must be from {LEAST_MHZ} to {MOST_MHZ}, is {said['rate_mhz']}")
     return said
 
 
@@ -95,4 +97,4 @@ def _rate_mhz(recording: Path, board: Board) -> int:
     video = cv2.VideoCapture(str(recording))
     rate_hz = video.get(cv2.CAP_PROP_FPS)
     video.release()
-    return round(1e3 * rate_hz) if LEAST_HZ <= rate_hz <= MOST_HZ else board.camera.rate_mhz
+    return round(1e3 * rate_hz) if LEAST_MHZ <= 1e3 * rate_hz <= MOST_MHZ else board.camera.rate_mhz

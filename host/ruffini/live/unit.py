@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 
 from ruffini.boards import Board
 from ruffini.daemon import Daemon, started_daemon
-from ruffini.errors import InputError
+from ruffini.frames import read_frames
 from ruffini.live.cameras import LocalCamera
 from ruffini.live.recording_server import RecordingServer
 
 MAX_SERIAL_BYTES = 31  # ruffinid's --serial
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")  # that ruffinid's replay takes
 
 
 class Source(NamedTuple):
@@ -49,19 +48,8 @@ def picture_size(path: Path) -> tuple[int, int]:
     InputError
         It holds no picture that can be read.
     """
-    import cv2
-
-    folder = path / "frames" if (path / "frames").is_dir() else path
-    if folder.is_dir():
-        files = sorted(file for file in folder.iterdir() if file.suffix in IMAGES)
-        picture = cv2.imread(str(files[0])) if files else None
-    else:
-        video = cv2.VideoCapture(str(path))
-        picture = video.read()[1]
-        video.release()
-    if picture is None:
-        raise InputError(f"{path}: no picture of it can be read: is the file whole?")
-    return int(picture.shape[1]), int(picture.shape[0])
+    height, width = next(iter(read_frames(path))).shape[:2]
+    return width, height
 
 
 def store_folder(board: Board, key: str) -> Path:

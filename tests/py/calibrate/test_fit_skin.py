@@ -181,7 +181,7 @@ def test_what_is_missing_is_said(fitted, points: Path, tmp_path: Path) -> None:
     log = skin_log(tmp_path / "log.h5", 2, seed=5)
     with pytest.raises(InputError, match="give --points FILE"):
         fit(log, None)
-    with pytest.raises(InputError, match="needs a calibration that has one"):
+    with pytest.raises(InputError, match="needs a calibration with skin, and no file that was given has skin"):
         fit(log, None, skip=frozenset({"skin"}))
     job, outcomes, file, _ = fit(log, None, previous=before, skip=frozenset({"skin"}))
     assert outcomes["skin"].state == "kept"

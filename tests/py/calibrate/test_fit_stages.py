@@ -21,7 +21,7 @@ from ruffini.calibrate.fit.run import finished, gates_of_stages, run_stages
 from ruffini.calibrate.fleet.units import fit_fleet, outliers_of
 from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in
 from ruffini.calibrate.log.touches import Series, TouchLog, read_touch_log
-from ruffini.errors import InputError
+from ruffini.errors import InputError, RefusedError
 from ruffini.estimators.material import stage as material
 from ruffini.estimators.material.fit import fit_material
 from ruffini.estimators.operator import stage as operator
@@ -30,7 +30,7 @@ from ruffini.estimators.operator.page import write_page
 from ruffini.estimators.operator.report import report_of
 from ruffini.estimators.relaxation import stage as relaxation
 from ruffini.estimators.relaxation.fit import fit_relaxation
-from ruffini.estimators.table import applying
+from ruffini.estimators.table import BY_NAME, applying
 from ruffini.estimators.threshold import fit as contact_noise
 from ruffini.estimators.threshold import stage as threshold
 from ruffini.rig.log_file import Log, TouchRecord, write_log
@@ -143,6 +143,72 @@ def test_skipped_stages_keep_what_was_before(fitted, board: Board, tmp_path: Pat
         run_stages(job, frozenset({"polish"}), tell=lambda *_: None)
     with pytest.raises(InputError, match="nothing gives this board its colours"):
         run_stages(Job(board, [log]), frozenset(), tell=lambda *_: None)
+
+
+def test_what_a_skipped_stage_needs_is_asked_of_the_previous_calibration() -> None:
+    """A contact model's wrench is fitted with it: a file with either alone stands in for neither."""
+    glitter = find_board("contact-glitter")
+
+    def kept_of(*kinds: str) -> Outcome:
+        tensors = {f"{kind}.x": np.zeros(2, np.int32) for kind in kinds}
+        previous = container.pack(tensors, container.base_metadata(glitter)) if kinds else None
+        return BY_NAME["contact"].keep(Job(glitter, [], previous))
+
+    for kinds, missing in (
+        ((), "contact_model or wrench"), (("contact_model", "contact_depth"), "wrench"), (("wrench",), "contact_model"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=rf"--skip contact needs .* no file that was given has {missing}: give"):
+            kept_of(*kinds)
+    assert kept_of("contact_model", "wrench").state == "kept"
+
+
+def only_threshold(
+    board: Board,  # noqa: F811
+    before: container.CalibrationFile,
+    alone_mn: float,
+    serial: str = "*",
+) -> tuple[container.CalibrationFile, list[Gate]]:
+    """What `cal fit --only threshold` makes where a lone node's noise reaches so much."""
+    job = Job(board, [], before, only="threshold")
+    job.tensors["contact.noise_un"] = np.array([100, round(1e3 * alone_mn)], np.int32)
+    return finished(job, {"threshold": Outcome("fitted", "", {"alone_mn": alone_mn})}, serial)
+
+
+def test_a_stage_that_is_fitted_anew_takes_its_old_gates_away(fitted, board: Board) -> None:  # noqa: F811
+    _, whole, gates = fitted
+    limit_mn = board.contact.threshold_un * 1e-3
+    noisy, bad = only_threshold(board, whole, 2 * limit_mn)
+    assert [g.name for g in failed(bad)] == ["touch noise"]
+    assert noisy.metadata["gates"] == "failed: touch noise"
+    assert len(bad) == len(gates) + 1  # of the whole file, not of the stage alone
+    quiet, good = only_threshold(board, noisy, limit_mn / 2)
+    assert quiet.metadata["gates"] == "passed"
+    assert failed(good) == []
+    assert gates_in(quiet) == good
+    assert [g.name for g in good] == [g.name for g in bad]
+    stages = json.loads(quiet.metadata["residuals"])["stages"]
+    assert stages["threshold"]["alone_mn"] == pytest.approx(limit_mn / 2)
+    assert "left_out" in stages["material"]  # `cal check` asks for it
+
+
+def test_only_one_stage_is_of_the_unit_that_is_named_or_refused(fitted, board: Board) -> None:  # noqa: F811
+    _, whole, _ = fitted
+    assert only_threshold(board, whole, 1.0)[0].metadata["sensor_serial"] == "*"
+    mine, _ = only_threshold(board, whole, 1.0, "A1")
+    assert mine.metadata["sensor_serial"] == "A1"
+    assert only_threshold(board, mine, 1.0)[0].metadata["sensor_serial"] == "A1"
+    with pytest.raises(RefusedError, match="--unit B2: the previous calibration is of sensor A1"):
+        only_threshold(board, mine, 1.0, "B2")
+
+
+def test_threshold_alone_takes_no_log_of_touches(fitted, board: Board, tmp_path: Path) -> None:  # noqa: F811
+    _, before, _ = fitted
+    log = rig_log(board, tmp_path / "log.h5", 2, seed=8)
+    with pytest.raises(InputError, match="takes recordings of the untouched pad") as caught:
+        threshold.THRESHOLD.fit(Job(board, [log], before, only="threshold"), lambda _: None)
+    assert "untouched frames in the log" not in str(caught.value)
+    skipped = threshold.THRESHOLD.fit(Job(board, [log], before), lambda _: None)
+    assert skipped.text == "the operator is not fitted here, and a log's untouched frames are judged with it"
 
 
 def test_three_presses_are_enough_after_a_gel_was_changed(fitted, board: Board, tmp_path: Path) -> None:  # noqa: F811

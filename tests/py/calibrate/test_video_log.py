@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from pressed_gel import small_wedge, write_video
 
-from ruffini.boards import Board, find_board, parse_board
+from ruffini.boards import Board, parse_board
 from ruffini.calibrate.log.videos import VideoColumns, read_video_log
 from ruffini.errors import InputError
+from ruffini.frames import read_frames
 
 N_FRAMES, N_REST, GLITCH = 20, 5, 12
 COLUMNS = VideoColumns("load", "N", "frame", r"(.*)_\d", 10.0)
@@ -18,15 +19,7 @@ COLUMNS = VideoColumns("load", "N", "frame", r"(.*)_\d", 10.0)
 
 @pytest.fixture(scope="module")
 def board() -> Board:
-    """The wedge's, its picture four times smaller."""
-    text = find_board("gelsight-wedge").text
-    small = {"width_px = 640": "width_px = 160", "height_px = 480": "height_px = 120", "319500": "79500",
-             "239500": "59500", "[67, 68], [465, 113]": "[10, 10], [150, 15]",
-             "[475, 383], [73, 437]": "[148, 100], [12, 110]", "n_x = 10": "n_x = 4", "n_y = 8": "n_y = 3"}  # fmt: skip
-    for large, little in small.items():
-        assert large in text
-        text = text.replace(large, little)
-    return parse_board(text.encode(), "small wedge")
+    return parse_board(small_wedge().encode(), "small wedge")
 
 
 def forces() -> list[float]:
@@ -37,16 +30,9 @@ def forces() -> list[float]:
 
 
 def write(video: Path, rows: list[str] | None = None) -> Path:
-    """A picture whose middle gets brighter by four levels a newton."""
-    out = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (160, 120))
-    for k, load in enumerate(forces()):
-        image = np.full((120, 160, 3), 100, np.uint8)
-        image[40:80, 50:110] += np.uint8(4 * max(load if k != GLITCH else load + 30, 0))
-        out.write(image)
-    out.release()
-    rows = rows or [f"{k},{load}" for k, load in enumerate(forces())]
-    video.with_suffix(".csv").write_text("\n".join(["frame,load", *rows]) + "\n")
-    return video
+    """The picture follows the force; the glitch is the load cell's alone."""
+    seen = [max(load if k != GLITCH else load + 30, 0) for k, load in enumerate(forces())]
+    return write_video(video, seen, [f"{k},{load}" for k, load in enumerate(forces())] if rows is None else rows)
 
 
 def test_each_video_is_a_run_of_its_object_and_glitches_are_named(tmp_path: Path, board: Board) -> None:
@@ -79,8 +65,12 @@ def test_frames_without_a_row_are_left_out(tmp_path: Path, board: Board) -> None
     ("rows", "columns", "sentence"),
     [
         (None, VideoColumns("newtons"), "has no column 'newtons', only frame, load"),
-        (["0,1", "0,2"], COLUMNS, "numbers must be 0 to 19, each once"),
-        (["20,1"], COLUMNS, "numbers must be 0 to 19, each once"),
+        (["0,1", "0,2"], COLUMNS, "numbers must be whole, 0 to 19, each once"),
+        (["20,1"], COLUMNS, "numbers must be whole, 0 to 19, each once"),
+        (["-1,1"], COLUMNS, "numbers must be whole, 0 to 19, each once"),
+        (["6,1", "7.7,1"], COLUMNS, "numbers must be whole, 0 to 19, each once"),
+        ([], COLUMNS, "has a header and no rows"),
+        ([], VideoColumns("load"), "has a header and no rows"),
         (["0,1"], VideoColumns("load"), "has 1 rows, the video 20 frames: name the column"),
         (None, VideoColumns("load", recording="(x)"), "does not match recording"),
     ],
@@ -118,6 +108,60 @@ def test_a_mapping_file_is_read(tmp_path: Path) -> None:
     assert VideoColumns.read(path) == COLUMNS
 
 
+@pytest.mark.parametrize("value", ["-1", "0", "nan"])
+def test_a_largest_jump_that_is_no_size_is_refused(tmp_path: Path, value: str) -> None:
+    (path := tmp_path / "videos.toml").write_text(f'force = "load"\nlargest_jump = {value}')
+    with pytest.raises(InputError, match=f"largest_jump must be above zero, is {value}"):
+        VideoColumns.read(path)
+
+
 def test_a_folder_without_videos_is_refused(tmp_path: Path, board: Board) -> None:
     with pytest.raises(InputError, match="holds no video with a CSV file"):
         read_video_log([tmp_path], board, COLUMNS)
+    with pytest.raises(InputError, match="nothing: there is no such file or folder"):
+        read_video_log([tmp_path / "nothing"], board, COLUMNS)
+    write(tmp_path / "ball_0.avi")
+    (tmp_path / "ball_0.csv").unlink()
+    with pytest.raises(InputError, match=r"ball_0\.avi: is no video with a CSV file"):
+        read_video_log([tmp_path / "ball_0.avi"], board, COLUMNS)
+
+
+def test_a_video_in_capitals_is_read_and_one_without_readings_is_named(tmp_path: Path, board: Board) -> None:
+    write(tmp_path / "ball_0.avi").rename(tmp_path / "ball_0.AVI")
+    write(tmp_path / "brick_0.avi").with_suffix(".csv").unlink()
+    log = read_video_log([tmp_path], board, COLUMNS)
+    assert [run.name for run in log.runs] == ["ball_0"]
+    assert "brick_0.avi: left out, no brick_0.csv is beside it" in log.remarks
+
+
+def test_two_videos_of_one_name_are_refused(tmp_path: Path, board: Board) -> None:
+    (tmp_path / "monday").mkdir()
+    paths = [write(tmp_path / "ball_0.avi"), write(tmp_path / "monday" / "ball_0.avi")]
+    with pytest.raises(InputError, match="has the same name"):
+        read_video_log(paths, board, COLUMNS)
+    (tmp_path / "ball_0.mkv").write_bytes(b"")
+    with pytest.raises(InputError, match="has the same name"):
+        read_video_log([tmp_path], board, COLUMNS)
+
+
+def test_rows_in_another_order_are_the_same(tmp_path: Path, board: Board) -> None:
+    rows = [f"{k},{load}" for k, load in enumerate(forces())]
+    sorted_, mixed = (
+        read_video_log([write(tmp_path / "ball_0.avi", these)], board, COLUMNS)
+        for these in (rows, rows[::3] + rows[1::3] + rows[2::3])
+    )
+    assert mixed.remarks == sorted_.remarks
+    np.testing.assert_array_equal(mixed.runs[0].reference, sorted_.runs[0].reference)
+
+
+@pytest.mark.parametrize("stated", [N_FRAMES - 4, N_FRAMES + 1])
+def test_frames_are_counted_whatever_the_container_states(tmp_path: Path, board: Board, stated: int) -> None:
+    video = write(tmp_path / "ball_0.avi")
+    data = bytearray(video.read_bytes())
+    length = data.index(b"strh") + 8 + 32  # of AVI's stream header: dwLength
+    assert int.from_bytes(data[length : length + 4], "little") == N_FRAMES
+    data[length : length + 4] = stated.to_bytes(4, "little")
+    video.write_bytes(data)
+    assert len(read_frames(video)) == stated
+    run = read_video_log([video], board, VideoColumns("load")).runs[0]
+    assert np.round(30 * run.time_s).tolist() == list(range(N_REST, N_FRAMES))

@@ -208,6 +208,25 @@ def test_a_reference_of_something_else_is_refused() -> None:
         fitted(runs)
 
 
+def test_features_that_tell_nothing_or_hardly_of_a_load_are_refused() -> None:
+    """One axis alone is loaded: those that nobody loads are no reason to accept what says nothing of that one."""
+    time_s, wrench, rng = np.arange(60) / RATE_HZ, np.zeros((60, 6)), np.random.default_rng(1)
+    rows = np.arange(60)
+    wrench[10:50, 2] = -3.0
+
+    def run(name: str, features: Array, reference: Array) -> FeatureRun:
+        return FeatureRun(name, time_s, features, np.ones(60, bool), time_s, reference, touch=rows)
+
+    still = [run(str(k), np.tile(rng.normal(size=4), (60, 1)), wrench) for k in range(2)]
+    with pytest.raises(InputError, match="the features tell nothing of the reference"):
+        fit_wrench_map(still)
+    spike = np.zeros((60, 6))
+    spike[10, 2] = -5.0
+    made = [rng.normal(size=(60, 4)), 1e3 * spike[:, :4] + rng.normal(size=(60, 4))]
+    with pytest.raises(InputError, match="show a load in 1 frames of this log"):
+        fit_wrench_map([run("a", made[0], np.zeros((60, 6))), run("b", made[1], spike)])
+
+
 def test_touches_of_one_recording_can_be_held_out() -> None:
     runs = recordings(12)
     joined = FeatureRun(

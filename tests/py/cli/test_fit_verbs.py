@@ -7,6 +7,7 @@ import json
 import numpy as np
 from small_board import SHAPE, Files, Run
 
+from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 
@@ -47,6 +48,29 @@ def test_fit_refuses_what_cannot_be(files: Files, run: Run, tmp_path):
     assert code == 2
     assert "collected on board 'other', not 'small'" in error
     assert not out.exists()
+
+
+def test_the_first_line_names_a_board_only_where_one_is_named(files: Files, run: Run, tmp_path):
+    words = (
+        "cal",
+        "fit",
+        small_log(files, tmp_path / "log.h5"),
+        "--out",
+        tmp_path / "x",
+        "--previous",
+        tmp_path / "none",
+    )
+    assert run(*words)[2].splitlines()[0] == "cal fit ..."
+    assert run(*words, "--board", "gelslim")[2].splitlines()[0] == "cal fit: board gelslim"
+
+
+def test_report_refuses_a_prior_that_its_stage_does_not_use(run: Run, tmp_path):
+    calibration, board = tmp_path / "wrench.safetensors", find_board("ftouch")
+    container.write(calibration, container.pack({"wrench.shift": np.ones(6, np.uint8)}, container.base_metadata(board)))
+    code, _, error = run("cal", "report", calibration, "--log", tmp_path / "log.h5", "--out", tmp_path / "page.html",
+                         "--prior", tmp_path / "fleet.json")  # fmt: skip
+    assert code == 2
+    assert "are of no use to the report of stage wrench: leave the option out" in error
 
 
 def test_report_says_in_json_and_exit_code_that_gates_fail(files: Files, run: Run, tmp_path):

@@ -86,8 +86,11 @@ def test_the_size_of_a_recording(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "frames" / "0.png"), np.zeros((24, 32, 3), np.uint8))
     assert picture_size(tmp_path) == (32, 24)
     assert picture_size(tmp_path / "frames" / ".." / "frames") == (32, 24)
+    (tmp_path / "capitals").mkdir()
+    cv2.imwrite(str(tmp_path / "capitals" / "0.PNG"), np.zeros((24, 32, 3), np.uint8))
+    assert picture_size(tmp_path / "capitals") == (32, 24)
     (tmp_path / "broken.avi").write_bytes(b"RIFF")
-    with pytest.raises(InputError, match="no picture of it can be read"):
+    with pytest.raises(InputError, match=r"broken\.avi: cannot be read as a video: is the file whole"):
         picture_size(tmp_path / "broken.avi")
 
 

@@ -13,10 +13,10 @@ from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome
-from ruffini.calibrate.gates import Gate, gates_of_reference, verdict
+from ruffini.calibrate.gates import Gate, gates_in, gates_of_reference, verdict
 from ruffini.calibrate.log.touches import file_sha256
 from ruffini.calibrate.log.warmth import celsius_ranges
-from ruffini.errors import InputError, RuffiniError
+from ruffini.errors import InputError, RefusedError, RuffiniError
 from ruffini.estimators.table import BY_NAME, applying
 from ruffini.rig.log_file import read_log
 
@@ -56,7 +56,7 @@ def run_stages(
 
 def gates_of_stages(board: Board, outcomes: dict[str, Outcome]) -> list[Gate]:
     """What each estimator judges of its own report."""
-    return [gate for name, outcome in outcomes.items() for gate in BY_NAME[name].gates(outcome.report, board)]
+    return [gate._replace(stage=name) for name, o in outcomes.items() for gate in BY_NAME[name].gates(o.report, board)]
 
 
 def finished(
@@ -64,24 +64,54 @@ def finished(
 ) -> tuple[CalibrationFile, list[Gate]]:
     """The calibration file with stages, gates (`more`: judged elsewhere) and origin in its manifest, and the gates.
 
-    Tables of `job.only` replace those of their kinds in the previous calibration, if there is one.
+    Tables of `job.only` replace those of their kinds in the previous calibration, if there is one; so do its gates.
+
+    Raises
+    ------
+    RefusedError
+        The tables of `job.only` are added to a calibration of another sensor than `serial`.
     """
     metadata = {**job.header(), "sensor_serial": serial}
-    base = None if job.only is None else job.previous
+    base = None if job.only is None or job.previous is None else _without_stage(job.previous, job.only, serial)
     if base is not None:
         metadata |= {key: base.metadata[key] for key in ("sensor_serial", "gel_serial")}
     file = container.pack(job.tensors, metadata)
     found, touches = _said(job.logs())
-    gates = [gate for name in outcomes for gate in BY_NAME[name].gates_of_log(job, file)]
+    gates = [gate._replace(stage=name) for name in outcomes for gate in BY_NAME[name].gates_of_log(job, file)]
     gates += [*gates_of_reference(found), *gates_of_stages(job.board, outcomes), *more]
     residuals: dict[str, Any] = {
         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
         "gates": [gate._asdict() for gate in gates], "logs": {path.name: file_sha256(path) for path in job.paths},
         "valid_for": {"temperature_c": celsius_ranges(touches)},
     }  # fmt: skip
+    if base is not None:
+        before = container.residuals(base)
+        residuals |= {key: {**before.get(key, {}), **residuals[key]} for key in ("stages", "logs")}
+        if not touches:  # nothing says at which temperatures the new tables were fitted
+            residuals["valid_for"] = before.get("valid_for", residuals["valid_for"])
     said = {"residuals": _ascii(residuals), "gates": verdict(gates)}
     file = container.pack(job.tensors, {**metadata, **said})
-    return file if base is None else container.merge([base, file]), gates
+    if base is None:
+        return file, gates
+    merged = container.merge([base, file])
+    return merged, gates_in(merged) or []
+
+
+def _without_stage(base: CalibrationFile, stage: str, serial: str) -> CalibrationFile:
+    """The previous calibration without the gates of a stage that is fitted anew, of the sensor `serial`."""
+    theirs = base.metadata["sensor_serial"]
+    if serial != "*" and theirs not in ("*", serial):
+        raise RefusedError(
+            f"--unit {serial}: the previous calibration is of sensor {theirs}, and --only {stage} keeps its other "
+            "tables: give that sensor's own, or leave --unit out"
+        )
+    metadata = {**base.metadata, "sensor_serial": theirs if serial == "*" else serial}
+    rows = gates_in(base)
+    if rows is not None:
+        kept = [gate for gate in rows if gate.stage != stage]
+        tree = {**container.residuals(base), "gates": [gate._asdict() for gate in kept]}
+        metadata |= {"residuals": json.dumps(tree)} | ({"gates": verdict(kept)} if "gates" in metadata else {})
+    return container.pack(base.tensors, metadata)
 
 
 def _said(logs: list[Path]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -7,7 +7,8 @@ A small TOML file names the columns:
     frame = "frame"                   # optional: number of the video's frame, from 0; else a row for each frame
     recording = '(.*)_\\d+'            # optional: regular expression of the video's name; those with the same first
                                       # group are of one object, and left out together; else each video is alone
-    largest_jump = 10.0               # optional, in the unit: neighbours that differ by more are glitches, left out
+    largest_jump = 10.0               # optional, in the unit, above zero: readings of neighbouring frames that differ
+                                      # by more are glitches, left out
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ class VideoColumns:
         if "force" not in file:
             raise InputError(f"{path}: force is not named: which column of the CSV files is it?")
         made = cls(**file)
+        if not made.largest_jump > 0:
+            raise InputError(f"{path}: largest_jump must be above zero, is {made.largest_jump:g}")
         force_factor(made.unit)
         try:
             n_groups = re.compile(made.recording).groups
@@ -86,19 +89,37 @@ class Readings(NamedTuple):
     is_used: npt.NDArray[np.bool_]
 
 
-def videos_in(path: Path) -> list[Path]:
-    """The videos of a folder that have a CSV beside them, by name, or the one that is given.
+class Videos(NamedTuple):
+    """Those with a CSV beside them, and those without one."""
+
+    read: list[Path]
+    without_csv: list[Path]
+
+
+def videos_in(paths: list[Path]) -> Videos:
+    """The videos of folders, by name, and those that are given.
 
     Raises
     ------
     InputError
-        There is none.
+        A path that is not there or that holds no video with a CSV, or two videos of one name.
     """
-    found = sorted(p for p in path.iterdir() if p.suffix in SUFFIXES) if path.is_dir() else [path]
-    found = [video for video in found if video.with_suffix(".csv").is_file()]
-    if not found:
-        raise InputError(f"{path}: holds no video with a CSV file of the same name beside it")
-    return found
+    videos = Videos([], [])
+    for path in paths:
+        if not path.exists():
+            raise InputError(f"{path}: there is no such file or folder: give a video, or a folder of videos")
+        found = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES) if path.is_dir() else [path]
+        beside = [video for video in found if video.with_suffix(".csv").is_file()]
+        if not beside:
+            raise InputError(f"{path}: {'holds' if path.is_dir() else 'is'} no video with a CSV file of the same name "
+                             "beside it")  # fmt: skip
+        videos.read.extend(beside)
+        videos.without_csv.extend(video for video in found if video not in beside)
+    by_name = dict[str, Path]()
+    for video in videos.read:
+        if (other := by_name.setdefault(video.stem, video)) is not video:
+            raise InputError(f"{video}: {other} has the same name, and recordings are told apart by name: rename one")
+    return videos
 
 
 def recording_of(video: Path, columns: VideoColumns) -> str:
@@ -118,26 +139,30 @@ def recording_of(video: Path, columns: VideoColumns) -> str:
 
 
 def readings_of(video: Path, columns: VideoColumns, n_frames: int) -> Readings:
-    """The load cell's readings beside a video.
+    """The load cell's readings beside a video, whose rows may be in any order where they are numbered.
 
     Raises
     ------
     InputError
-        A column is missing, or a row is of no frame of the video.
+        A column or every row is missing, or a row is of no frame of the video.
     """
     path = video.with_suffix(".csv")
     table = read_table(path, {name: name for name in (columns.force, columns.frame) if name})
     force = table.column(columns.force) * force_factor(columns.unit)
+    if not len(force):
+        raise InputError(f"{path}: has a header and no rows: write the load cell's readings into it")
     if columns.frame:
-        frame = table.column(columns.frame).astype(np.intp)
+        number = table.column(columns.frame)
     elif len(force) == n_frames:
-        frame = np.arange(n_frames)
+        number = np.arange(float(n_frames))
     else:
         raise InputError(
             f"{path}: has {len(force)} rows, the video {n_frames} frames: name the column of the frame's number"
         )
-    if len(np.unique(frame)) < len(frame) or frame.min() < 0 or frame.max() >= n_frames:
-        raise InputError(f"{path}: {columns.frame}: numbers must be 0 to {n_frames - 1}, each once")
+    if not np.isin(number, np.arange(n_frames)).all() or len(np.unique(number)) < len(number):
+        raise InputError(f"{path}: {columns.frame}: numbers must be whole, 0 to {n_frames - 1}, each once")
+    order = np.argsort(number)
+    frame, force = number[order].astype(np.intp), force[order]
     jumps = np.abs(np.diff(force)) > columns.largest_jump * force_factor(columns.unit)
     is_glitch = np.concatenate([jumps, [False]]) | np.concatenate([[False], jumps])
     out = Readings(np.zeros(n_frames), np.zeros(n_frames, bool))
@@ -156,18 +181,13 @@ def read_video_log(
         Nothing to read, a video of another size, or readings that do not fit their frames.
     """
     runs, remarks = list[FeatureRun](), list[str]()
-    videos = [video for path in paths for video in videos_in(path)]
+    videos, without_csv = videos_in(paths)
+    remarks += [f"{video.name}: left out, no {video.stem}.csv is beside it" for video in without_csv]
     for i, video in enumerate(videos):
-        frames = read_frames(video)
-        readings = readings_of(video, columns, len(frames))
-        rows, used = list[Array](), list[int]()
-        with Pipeline(board) as pipeline:
-            for k, image in enumerate(frames):
-                frame = pipeline.process(image)
-                if frame.has_reference and readings.is_used[k] and not frame.flags & LOST_OR_DARK:
-                    rows.append(pipeline.features().astype(np.float64))
-                    used.append(k)
-        if not rows:
+        features, n_frames = _features(video, board)
+        readings = readings_of(video, columns, n_frames)
+        used = [k for k in features if readings.is_used[k]]
+        if not used:
             raise InputError(f"{video}: no frame after the rest has a reading: is it this board?")
         left_out = np.flatnonzero(~readings.is_used)
         if len(left_out):
@@ -176,7 +196,20 @@ def read_video_log(
         time_s = np.array(used) * (1000.0 / board.camera.rate_mhz)
         wrench = np.zeros((len(used), 6))
         wrench[:, 2] = -readings.force[used]
-        runs.append(FeatureRun(video.stem, time_s, np.array(rows), np.ones(len(used), bool), time_s, wrench,
+        rows = np.array([features[k] for k in used])
+        runs.append(FeatureRun(video.stem, time_s, rows, np.ones(len(used), bool), time_s, wrench,
                                recording=recording_of(video, columns)))  # fmt: skip
         progress((i + 1) / len(videos))
     return VideoLog(runs, remarks)
+
+
+def _features(video: Path, board: Board) -> tuple[dict[int, Array], int]:
+    """Of each good frame after the rest, by its number; and how many frames there are, whatever the file states."""
+    features, n_frames = dict[int, Array](), 0
+    with Pipeline(board) as pipeline:
+        for image in read_frames(video):
+            frame = pipeline.process(image)
+            if frame.has_reference and not frame.flags & LOST_OR_DARK:
+                features[n_frames] = pipeline.features().astype(np.float64)
+            n_frames += 1
+    return features, n_frames

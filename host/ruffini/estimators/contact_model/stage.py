@@ -25,7 +25,7 @@ class ContactModel(Estimator):
 
     name = "contact"
     kinds = ("contact_model", "contact_depth", "wrench")
-    needs_previous = True
+    needed = ("contact_model", "wrench")
     task = TASK
 
     def applies(self, board: Board) -> bool:

@@ -26,7 +26,7 @@ class Fingertip(Estimator):
     name = "fingertip"
     kinds = ("fingertip",)
     is_reported = True
-    needs_previous = True
+    needed = ("fingertip",)
     task = Turned("fingertip", "presses.toml", "mN mean of force")
 
     def applies(self, board: Board) -> bool:

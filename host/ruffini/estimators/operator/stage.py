@@ -25,7 +25,8 @@ class Operator(Estimator):
     name = "operator"
     kinds = ("operator", "support", "finite_strain", "gauge", "marker_depth")
     is_reported = True
-    needs_previous = True
+    needed = ("operator",)
+    takes_prior = True
     task = TASK
 
     def applies(self, board: Board) -> bool:

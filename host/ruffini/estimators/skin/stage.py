@@ -46,7 +46,7 @@ class SkinEstimator(Estimator):
     name = "skin"
     kinds = ("skin", "relaxation")
     is_reported = True
-    needs_previous = True
+    needed = ("skin",)
     task = TASK
 
     def applies(self, board: Board) -> bool:

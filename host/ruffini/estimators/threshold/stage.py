@@ -29,15 +29,22 @@ class Threshold(Estimator):
         return "support" in board.pipeline.stages
 
     def fit(self, job: Job, progress: Progress) -> Outcome:
-        """Fit where the log holds enough untouched frames; alone also to recordings of the untouched pad."""
-        if job.only == self.name and not job.logs():
+        """Fit where the log holds enough untouched frames; alone, to recordings of the untouched pad."""
+        if job.only == self.name:
+            if job.logs():
+                raise InputError(
+                    f"{job.logs()[0]}: --only {self.name} takes recordings of the untouched pad; the untouched frames "
+                    "of a log are judged with the operator that is fitted to it: leave --only out"
+                )
             if job.previous is None:
                 raise InputError("untouched frames are judged with this unit's calibration: give --previous FILE")
             frames = chain.from_iterable(read_frames(path) for path in job.paths)
             pressure = linear_pressure(job.board, job.previous, frames)
             return self._fitted(job, fit_contact_noise(pressure, job.board.pipeline.n_rest_frames, progress=progress))
+        if job.matrix is None:
+            return _without(job, "the operator is not fitted here, and a log's untouched frames are judged with it")
         rest = job.log().rest
-        if job.matrix is None or len(rest) < MIN_FRAMES:
+        if len(rest) < MIN_FRAMES:
             return _without(job, f"{len(rest)} untouched frames in the log, {MIN_FRAMES} are needed")
         rows, columns = job.board.observed
         shape = (len(rest), rows.stop - rows.start, columns.stop - columns.start, 3)

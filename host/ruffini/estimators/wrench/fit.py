@@ -65,6 +65,7 @@ LEAST_R2 = 0.3  # of what the features tell of an axis: one that the log hardly 
 LEAST_AT_REST = 20  # frames
 NEED_REST = ("noise at rest", "agreement of the features at rest")
 REST_PART = 0.02  # of full scale: nothing presses
+LOADED_PART = 0.1  # likewise: something does
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
 ONE_SIGMA = 0.6827
 TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
@@ -178,7 +179,7 @@ def _fit_at(
         chosen, errors = _plain(None), kernel.errors
     spread = frames.wrench.std(axis=0)
     r2 = 1 - (rms(errors) / np.where(spread > 0, spread, 1)) ** 2
-    is_told = r2 >= LEAST_R2
+    is_told = (r2 >= LEAST_R2) & (spread > 0)
     if frames.features.shape[1] <= FEW:  # cannot fit what is not there: an axis that only one recording loads counts
         left = fitted(frames, chosen).predicted(frames) - frames.wrench
         is_told |= (rms(left) < np.sqrt(1 - LEAST_R2) * spread) & (spread > 0)
@@ -431,7 +432,8 @@ def _error(found: WrenchMap, frames: Frames, errors: Array, folds: Folds) -> Arr
     if at_rest.sum() < LEAST_AT_REST:
         return _error_of_loads(errors, size2, found.full, folds)
     quiet = np.cov(at_once[at_rest].T)
-    loaded = size2 > 0.1**2
+    loaded = size2 > LOADED_PART**2
+    _check_loaded(loaded)
     left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
     growing = left / size2[loaded].mean()
     is_measured = np.outer(found.full > 0, found.full > 0)  # nothing is said of the others
@@ -445,6 +447,7 @@ def _error_of_loads(errors: Array, size2: Array, full: Array, folds: Folds) -> A
     in the worst fold: what a new recording brings is no less than that.
     """
     light = size2 <= np.quantile(size2, 0.25)
+    _check_loaded(~light)
     quiet = np.cov(errors[light].T)
     growing = (np.cov(errors[~light].T) - quiet) / max(size2[~light].mean(), 1e-12)
     is_measured = np.outer(full > 0, full > 0)
@@ -452,6 +455,15 @@ def _error_of_loads(errors: Array, size2: Array, full: Array, folds: Folds) -> A
     sigma = np.sqrt((out[0] ** 2).sum(axis=0) + size2[:, None] * (out[1] ** 2).sum(axis=0))
     parts = np.abs(errors) / np.maximum(sigma, 1e-12)
     return np.asarray(out * np.max([np.quantile(parts[left], ONE_SIGMA, axis=0) for left in folds], axis=0))
+
+
+def _check_loaded(loaded: npt.NDArray[np.bool_]) -> None:
+    """Raises InputError if the features show a load in fewer than two frames: no covariance follows from those."""
+    if loaded.sum() < 2:
+        raise InputError(
+            f"the features show a load in {loaded.sum()} frames of this log, too few to estimate an error under load: "
+            "press more often or hold longer"
+        )
 
 
 def _vectors(covariance: Array, least: Array | None = None) -> Array:

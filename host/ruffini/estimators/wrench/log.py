@@ -89,6 +89,24 @@ def features_of(board: Board) -> Features:
     )
 
 
+def check_kept(board: Board) -> Features:
+    """The features of a board, which a log of `cal collect` keeps.
+
+    Raises
+    ------
+    InputError
+        It does not keep them, or the board has none.
+    """
+    features = features_of(board)
+    if features.sort not in STEPS:
+        raise InputError(
+            f"board {board.name!r}: a log of `cal collect` keeps none of its {features.sort} features: record videos "
+            "beside a load cell and fit them with `ruffini cal fit --only wrench --videos FILE`, or frames with "
+            "wrench.csv"
+        )
+    return features
+
+
 def read_feature_runs(paths: list[Path], board: Board, *, progress: Progress = lambda _: None) -> list[FeatureRun]:
     """Every run of the files and folders.
 
@@ -162,11 +180,7 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
     log = read_log(path)
     if log.facts.get("board") != board.name:
         raise InputError(f"{path} was collected on board {log.facts.get('board')!r}, not {board.name!r}")
-    wanted = features_of(board)
-    if wanted.sort not in STEPS:
-        raise InputError(
-            f"{path}: a log of cal collect keeps no {wanted.sort}: give videos (--videos FILE) or recordings of frames"
-        )
+    wanted = check_kept(board)
     out, rest_celsius = [], dict[str, float]()
     for number, touch in enumerate(log.touches):
         moved = touch.arrays.get("marker_displacement")

@@ -17,7 +17,7 @@ from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.contact_model.stage import CONTACT
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.wrench.fit import FEW, N_FOLDS, Fit, fit_wrench_map
-from ruffini.estimators.wrench.log import FeatureRun, features_of, read_feature_runs
+from ruffini.estimators.wrench.log import FeatureRun, check_kept, features_of, read_feature_runs
 from ruffini.estimators.wrench.marker_prior import marker_prior
 from ruffini.estimators.wrench.model import AXES, frames_of, recordings_of
 from ruffini.estimators.wrench.report import wrench_report_of, write_wrench_page
@@ -55,7 +55,7 @@ class WrenchEstimator(Estimator):
     name = "wrench"
     kinds = ("wrench",)
     is_reported = True
-    needs_previous = True
+    needed = ("wrench",)
     task = TASK
 
     def is_used(self, board: Board) -> bool:
@@ -64,6 +64,9 @@ class WrenchEstimator(Estimator):
 
     def applies(self, board: Board) -> bool:
         return self.is_used(board) and not CONTACT.applies(board)  # a contact model's is fitted together with it
+
+    def check_log(self, board: Board) -> None:
+        check_kept(board)
 
     def fit(self, job: Job, progress: Progress) -> Outcome:
         """Fit to features and reference of every log; errors on recordings, or touches, that were left out."""

@@ -1,0 +1,83 @@
+"""Objects left out wholly, beside a load cell: made videos whose brightness follows the force."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pressed_gel import small_wedge, write_video
+
+from ruffini.boards import Board, parse_board
+from ruffini.calibrate.log.videos import VideoColumns
+from ruffini.errors import InputError
+from ruffini.evaluate import pressed_videos
+from ruffini.evaluate.pressed_videos import Found, evaluate
+from ruffini.evaluate.wrench import has_peers
+
+COLUMNS = VideoColumns("load", "N", "frame", r"(.*)_\d")
+LARGEST_N = 8.0
+N_STILL = 35  # frames untouched: more than the first second
+
+
+@pytest.fixture(scope="module")
+def board() -> Board:
+    return parse_board(small_wedge().encode(), "small wedge")
+
+
+def write(folder: Path, name: str, gain: float = 1.0) -> None:
+    """Two closings on one object; `gain`: of what its picture shows over what the load cell reads."""
+    for k in range(2):
+        load = np.concatenate([np.zeros(N_STILL), LARGEST_N * (1 - 0.2 * k) * np.sin(np.linspace(0, np.pi, 45)) ** 2])
+        seed = sum(name.encode()) + k
+        rows = [f"{i},{one:.4f}" for i, one in enumerate(load)]
+        write_video(folder / f"{name}_{k}.avi", gain * load, rows, noise=2.0, seed=seed)
+
+
+@pytest.fixture(scope="module")
+def found(board: Board, tmp_path_factory: pytest.TempPathFactory) -> Found:
+    """Three objects alike, and one whose picture shows half of its force."""
+    folder = tmp_path_factory.mktemp("videos")
+    for name in ("ball", "brick", "ring"):
+        write(folder, name)
+    write(folder, "odd", gain=0.5)
+    return evaluate(folder, board, COLUMNS, peers=has_peers())
+
+
+def test_each_object_is_judged_by_a_fit_that_did_not_see_it(found: Found) -> None:
+    assert [closing.run.name for closing in found.closings] == [f"{n}_{k}" for n in ("ball", "brick", "odd", "ring")
+                                                                for k in range(2)]  # fmt: skip
+    errors = found.errors()
+    # A fit that saw it would trade its error for those of the others: half of 8 N and 6.4 N, pressed half of the time.
+    half_of_mean_n = np.mean([np.abs(c.truth).mean() / 2 for c in found.closings if c.run.recording == "odd"])
+    assert errors["odd"] == pytest.approx(half_of_mean_n, rel=0.1)
+    assert all(0.01 < errors[name] < 0.5 * errors["odd"] for name in ("ball", "brick", "ring"))
+    odd = next(closing for closing in found.closings if closing.run.name == "odd_0")
+    assert odd.force.min() == pytest.approx(-LARGEST_N / 2, rel=0.1)
+
+
+def test_untouched_frames_and_the_share_within_sigma(found: Found) -> None:
+    assert found.at_rest() < 0.2
+    assert 0.3 < found.within(1.0) <= found.within(2.0) < 1.0
+    assert found.within(1e9) == 1.0
+
+
+def test_a_peer_is_judged_on_the_same_frames(found: Found) -> None:
+    if not has_peers():
+        pytest.skip("scikit-learn is not installed")
+    assert found.has_peer
+    assert found.errors("peer")["odd"] > 2 * found.errors("peer")["ball"]
+    assert [len(c.peer) for c in found.closings if c.peer is not None] == [len(c.truth) for c in found.closings]
+
+
+def test_the_picture_has_a_column_for_each_object(found: Found) -> None:
+    figure = pressed_videos.picture(found)
+    assert len(figure.axes) == 2 * 4  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("names", [("ball",), ("ball", "brick")])
+def test_fewer_than_three_objects_are_refused(board: Board, tmp_path: Path, names: tuple[str, ...]) -> None:
+    for name in names:
+        write(tmp_path, name)
+    with pytest.raises(InputError, match=rf"videos of {len(names)} objects \({', '.join(names)}\): 3 are needed"):
+        evaluate(tmp_path, board, COLUMNS, peers=False)
