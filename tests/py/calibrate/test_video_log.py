@@ -55,6 +55,16 @@ def test_each_video_is_a_run_of_its_object_and_glitches_are_named(tmp_path: Path
     assert np.abs(run.features[0]).max() < 0.01 * 65536
 
 
+def test_what_the_load_cell_reads_at_rest_is_its_zero_and_is_said(tmp_path: Path, board: Board) -> None:
+    write(tmp_path / "ball_0.avi", [f"{k},{load + 0.6}" for k, load in enumerate(forces())])
+    log = read_video_log([tmp_path], board, COLUMNS)
+    assert "ball_0.avi: the load cell read 0.60 N while rest was learned: taken off as its zero" in log.remarks
+    used = [k for k in range(N_REST, N_FRAMES) if abs(k - GLITCH) > 1]
+    assert -log.runs[0].reference[:, 2] == pytest.approx([forces()[k] for k in used])
+    write(tmp_path / "ball_0.avi", [f"{k},{load + 0.6}" for k, load in enumerate(forces()) if k >= N_REST])
+    assert -read_video_log([tmp_path], board, COLUMNS).runs[0].reference[0, 2] == 0.6, "no row of the rest: no zero"
+
+
 def test_frames_without_a_row_are_left_out(tmp_path: Path, board: Board) -> None:
     video = write(tmp_path / "ball_0.avi", [f"{k},0.5" for k in range(0, N_FRAMES, 2)])
     run = read_video_log([video], board, COLUMNS).runs[0]

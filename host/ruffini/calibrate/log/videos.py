@@ -1,6 +1,6 @@
 """Videos of a pressed gel, beside each a CSV of the same name with the readings of a load cell, one row a frame.
 
-A small TOML file names the columns:
+What the load cell reads while rest is learned, in the first frames, is its zero. A small TOML file names the columns:
 
     force = "force_n"                 # of the load along the pad's normal, positive where it presses
     unit = "N"
@@ -34,6 +34,7 @@ from ruffini.rig.units import force_factor
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
+SAID_ZERO = 0.01  # of the largest reading: a load cell's zero beyond it is said
 SUFFIXES = (".avi", ".mp4", ".mkv", ".mov")
 
 
@@ -193,14 +194,23 @@ def read_video_log(
         if len(left_out):
             remarks.append(f"{video.name}: frames left out, their readings jump or are missing: "
                            f"{', '.join(map(str, left_out))}")  # fmt: skip
+        zero = _zero(readings, min(features))
+        if abs(zero) > SAID_ZERO * np.abs(readings.force[used]).max():
+            remarks.append(f"{video.name}: the load cell read {zero:.2f} N while rest was learned: taken off as its zero")
         time_s = np.array(used) * (1000.0 / board.camera.rate_mhz)
         wrench = np.zeros((len(used), 6))
-        wrench[:, 2] = -readings.force[used]
+        wrench[:, 2] = zero - readings.force[used]
         rows = np.array([features[k] for k in used])
         runs.append(FeatureRun(video.stem, time_s, rows, np.ones(len(used), bool), time_s, wrench,
                                recording=recording_of(video, columns)))  # fmt: skip
         progress((i + 1) / len(videos))
     return VideoLog(runs, remarks)
+
+
+def _zero(readings: Readings, n_rest: int) -> float:
+    """What the load cell read in the frames in which rest was learned, N."""
+    at_rest = readings.force[:n_rest][readings.is_used[:n_rest]]
+    return float(np.median(at_rest)) if len(at_rest) else 0.0
 
 
 def _features(video: Path, board: Board) -> tuple[dict[int, Array], int]:

@@ -14,8 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import minimize
 
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.kernel import TAIL
 from ruffini.estimators.wrench.kernel_choice import choose_kernel, kernel_fitted
 from ruffini.estimators.wrench.log import FeatureRun
 from ruffini.estimators.wrench.model import (
@@ -47,6 +49,7 @@ Array = npt.NDArray[np.float64]
 Folds = list[npt.NDArray[np.bool_]]
 
 N_FOLDS = 5
+FEW_RECORDINGS = 10  # no more than these, and each is left out alone: two at once of seven leave too little to fit
 LEFT_OUT = {"recording": "recordings", "touch": "touches", "block": "blocks of time"}
 LEAST_FRAMES = 200  # for a kernel
 LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
@@ -265,7 +268,7 @@ def folds_of(frames: Frames, holdout: str) -> Folds:
     if len(names) < (least := N_FOLDS if by_touch else 2):
         remedy = "press more often" if by_touch else "give another log, or --holdout touch"
         raise InputError(f"only {len(names)} {_left_out(holdout)}: {least} are needed to judge a fit; {remedy}")
-    n = min(N_FOLDS, len(names))
+    n = len(names) if len(names) <= FEW_RECORDINGS and not by_touch else N_FOLDS
     return [np.isin(groups, names[i::n]) for i in range(n)]
 
 
@@ -437,21 +440,42 @@ def _error(found: WrenchMap, frames: Frames, errors: Array, folds: Folds) -> Arr
     left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
     growing = left / size2[loaded].mean()
     is_measured = np.outer(found.full > 0, found.full > 0)  # nothing is said of the others
-    return np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured, least=LEAST_ERROR * found.full)])
+    out = np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured, least=LEAST_ERROR * found.full)])
+    return _as_left_out(out, errors, size2, folds) if found.kernel else out
 
 
 def _error_of_loads(errors: Array, size2: Array, full: Array, folds: Folds) -> Array:
-    """As `_error` for a log without rest frames: by held-out errors of the lightest quarter of the frames and of all.
-
-    Errors have longer tails than a normal distribution: each axis is scaled so that one sigma covers 68 % of them,
-    in the worst fold: what a new recording brings is no less than that.
-    """
+    """As `_error` for a log without rest frames: by held-out errors of the lightest quarter of the frames and of all."""
     light = size2 <= np.quantile(size2, 0.25)
     _check_loaded(~light)
     quiet = np.cov(errors[light].T)
     growing = (np.cov(errors[~light].T) - quiet) / max(size2[~light].mean(), 1e-12)
     is_measured = np.outer(full > 0, full > 0)
-    out = np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured)])
+    return _widened(np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured)]), errors, size2, folds)
+
+
+def _as_left_out(out: Array, errors: Array, size2: Array, folds: Folds) -> Array:
+    """Each axis' constant and growing part scaled to the largest likelihood of the held-out errors, then widened.
+
+    The likelihood is Student's: moments would follow the few largest errors.
+    """
+    variances, scaled = (out**2).sum(axis=1), out.copy()
+    for axis in np.flatnonzero(variances.min(axis=0) > 0):
+        error2, (quiet, growing) = errors[:, axis] ** 2, variances[:, axis]
+
+        def unlikely(logs: Array, error2: Array = error2, quiet: float = quiet, growing: float = growing) -> float:
+            variance = quiet * np.exp(logs[0]) + growing * np.exp(logs[1]) * size2
+            return float((np.log(variance) + (TAIL + 1) * np.log1p(error2 / variance / TAIL)).sum())
+
+        scaled[:, :, axis] *= np.exp(0.5 * minimize(unlikely, np.zeros(2), method="Nelder-Mead").x)[:, None]
+    return _widened(scaled, errors, size2, folds)
+
+
+def _widened(out: Array, errors: Array, size2: Array, folds: Folds) -> Array:
+    """Each axis scaled so that one sigma covers 68 % of the held-out errors in the worst fold.
+
+    Errors have longer tails than a normal distribution, and what a new recording brings is no less than the worst.
+    """
     sigma = np.sqrt((out[0] ** 2).sum(axis=0) + size2[:, None] * (out[1] ** 2).sum(axis=0))
     parts = np.abs(errors) / np.maximum(sigma, 1e-12)
     return np.asarray(out * np.max([np.quantile(parts[left], ONE_SIGMA, axis=0) for left in folds], axis=0))
