@@ -196,7 +196,8 @@ def read_video_log(
                            f"{', '.join(map(str, left_out))}")  # fmt: skip
         zero = _zero(readings, min(features))
         if abs(zero) > SAID_ZERO * np.abs(readings.force[used]).max():
-            remarks.append(f"{video.name}: the load cell read {zero:.2f} N while rest was learned: taken off as its zero")
+            remarks.append(f"{video.name}: the load cell read {zero:.2f} N while rest was learned: "
+                           "taken off as its zero")  # fmt: skip
         time_s = np.array(used) * (1000.0 / board.camera.rate_mhz)
         wrench = np.zeros((len(used), 6))
         wrench[:, 2] = zero - readings.force[used]
