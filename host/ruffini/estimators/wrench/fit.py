@@ -445,7 +445,7 @@ def _error(found: WrenchMap, frames: Frames, errors: Array, folds: Folds) -> Arr
 
 
 def _error_of_loads(errors: Array, size2: Array, full: Array, folds: Folds) -> Array:
-    """As `_error`, for a log without rest frames: held-out errors of the lightest quarter of the frames and all others."""
+    """As `_error`, for a log without rest frames: held-out errors of the lightest quarter stand for those at rest."""
     light = size2 <= np.quantile(size2, 0.25)
     _check_loaded(~light)
     quiet = np.cov(errors[light].T)
