@@ -10,6 +10,7 @@ import tree_gates
 
 REPO = Path(__file__).parents[2]
 Gate = Callable[[Path], list[str]]
+SKIN_ROW = '{.name = "skin", .reads = {}'
 README = "```sh\nmake run\nmake test\n```\n"
 
 # Gate, planted files, and a word that its sentence must have.
@@ -60,7 +61,7 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
     (
         tree_gates.stage_names,
         {
-            "firmware/core/stages.cpp": '{.name = "skin", .reads = {}',
+            "firmware/core/stages.cpp": SKIN_ROW,
             "host/ruffini/rig/a.py": 'def f(board):\n    return "skin" in board.pipeline.stages\n',
             "host/ruffini/estimators/skin/stage.py": 'def f(board):\n    return "skin" in board.pipeline.stages\n',
         },
@@ -69,10 +70,25 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
     (
         tree_gates.stage_names,
         {
-            "firmware/core/stages.cpp": '{.name = "skin", .reads = {}',
+            "firmware/core/stages.cpp": SKIN_ROW,
             "host/ruffini/cli/a.py": 'def f(stages):\n    return {"skin"}.isdisjoint(stages)\n',
         },
         "host/ruffini/cli/a.py:2 tests for the stage 'skin'",
+    ),
+    *(
+        (
+            tree_gates.stage_names,
+            {"firmware/core/stages.cpp": SKIN_ROW, "host/ruffini/cli/a.py": "\n".join(lines)},
+            f"host/ruffini/cli/a.py:{at} tests for the stage 'skin'",
+        )
+        for at, lines in (
+            (3, ("def f(board):", "    used = set(board.pipeline.stages)", '    return "skin" in used')),
+            (2, ("def f(file):", '    return any(kind == "skin" for kind in file.kinds)')),
+            (3, ("def f(file):", '    for one in file.metadata["kinds"].split(","):', '        return one == "skin"')),
+            (3, ('OF_SKINS = frozenset({"skin"})', "def f(file):", "    return OF_SKINS & set(file.kinds)")),
+            (2, ("def f(stage):", "    match stage:", '        case "skin" | "slip":', "            return 1")),
+            (2, ("def f(file):", '    return "skin.light" in file.tensors')),
+        )
     ),
     (tree_gates.test_module_names, {"tests/a/test_x.py": "", "tests/b/test_x.py": ""}, "of its own"),
     (tree_gates.workplace_paths, {"tests/a.py": 'open("/wo' + 'rk/main/x")\n'}, "workplace"),
@@ -112,6 +128,18 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
     (tree_gates.plain_words, {"a.md": "How sure it is.\n"}, "write uncertainty"),
     (tree_gates.whole_tables, {"a.md": "| a |\n| --- |\n| b |\n\n| c |\n"}, "a.md:5"),
 ]
+# Nothing of these is a violation.
+HARMLESS: list[tuple[Gate, dict[str, str]]] = [
+    (
+        tree_gates.stage_names,
+        {
+            "firmware/core/stages.cpp": SKIN_ROW,
+            "host/ruffini/calibrate/container.py": 'KINDS = {\n    "wrench": Kind(),\n}\nx = kinds - KINDS.keys()\n',
+            "host/ruffini/cli/a.py": 'def f(kinds, organ):\n    n = len(kinds)\n    return n and organ == "skin"\n',
+            "host/ruffini/cli/b.py": 'from ruffini.cli import skin\n\nVERBS = {"skin": skin}\ntitle = "skin" + ": "\n',
+        },
+    ),
+]
 GATES: list[Gate] = list(dict.fromkeys(gate for gate, _, _ in PLANTED))
 
 
@@ -128,3 +156,11 @@ def test_planted_violation_is_caught(gate: Gate, files: dict[str, str], sentence
     found = gate(tmp_path)
     assert len(found) == 1
     assert sentence in found[0]
+
+
+@pytest.mark.parametrize(("gate", "files"), HARMLESS)
+def test_what_is_no_violation_passes(gate: Gate, files: dict[str, str], tmp_path: Path) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert gate(tmp_path) == []

@@ -320,32 +320,114 @@ def seeded_bugs(root: Path) -> list[str]:
     ]
 
 
+ASKED = {"stages", "kinds", "stage", "tensors"}  # what stands for stages of a board or kinds of a calibration
+TESTS = {"isdisjoint", "issubset", "issuperset", "intersection", "difference", "count", "index", "startswith"}
+
+
 def stage_names(root: Path) -> list[str]:
-    """No module of the host outside estimators/ compares stages of a board or kinds of a calibration with a name."""
+    """No module of the host outside estimators/ compares stages of a board or kinds of a calibration with a name.
+
+    Seen are comparisons, set operations and `match`, of the stages themselves or of a name that was given their value,
+    with a word or with a constant of any module that holds it.
+    """
     tables = [root / "firmware/core/stages.cpp", root / "host/ruffini/calibrate/container.py"]
     text = "".join(_text(path) for path in tables if path.is_file())
-    names = set(re.findall(r'\.name = "(\w+)"|^    "(\w+)",$', text, re.M))
+    names = set(re.findall(r'\.name = "(\w+)"|^    "(\w+)": Kind\(', text, re.M))
     known = {name for pair in names for name in pair if name}
+    trees = {
+        path: ast.parse(_text(path))
+        for path in _sources(root, "host/ruffini/")
+        if path.suffix == ".py" and not path.is_relative_to(root / "host/ruffini/estimators")
+    }
+    constants = {name: words & known for tree in trees.values() for name, words in _constants(tree).items()}
     found = []
-    for path in _sources(root, "host/ruffini/"):
-        if path.suffix != ".py" or path.is_relative_to(root / "host/ruffini/estimators"):
-            continue
-        for node in ast.walk(ast.parse(_text(path))):
-            if not isinstance(node, ast.Compare | ast.BinOp | ast.Call):
-                continue
-            inner = [*ast.walk(node)]
-            words = {n.value for n in inner if isinstance(n, ast.Constant) and isinstance(n.value, str)} & known
-            asked = {n.attr for n in inner if isinstance(n, ast.Attribute)}
-            asked |= {n.id for n in inner if isinstance(n, ast.Name)}
-            is_call = isinstance(node, ast.Call)
-            is_test = not is_call or getattr(node.func, "attr", "") in {"isdisjoint", "issubset", "issuperset", "count"}
-            if is_test and words and asked & {"stages", "kinds", "stage"}:
-                word = sorted(words)[0]
+    for path, tree in trees.items():
+        asked = _aliases(tree)
+        for node in ast.walk(tree):
+            if _is_test(node) and _names_in(node) & asked and (words := _words_in(node, constants) & known):
                 found.append(
-                    f"{path.relative_to(root)}:{node.lineno} tests for the stage {word!r}: ask the board for a slot "
-                    "(Board.writes), or the estimators (ruffini.estimators.table)"
+                    f"{path.relative_to(root)}:{node.lineno} tests for the stage {sorted(words)[0]!r}: ask the board "  # type: ignore[attr-defined]
+                    "for a slot (Board.writes), or the estimators (ruffini.estimators.table)"
                 )
     return found
+
+
+def _is_test(node: ast.AST) -> bool:
+    is_call = isinstance(node, ast.Call) and getattr(node.func, "attr", "") in TESTS
+    return is_call or isinstance(node, ast.Compare | ast.BinOp | ast.Match)
+
+
+def _parts(node: ast.AST) -> Iterator[ast.AST]:
+    """The nodes of an expression; of a `match` those of its subject and patterns, not of what its cases do."""
+    if isinstance(node, ast.Match):
+        for part in (node.subject, *(case.pattern for case in node.cases)):
+            yield from ast.walk(part)
+    else:
+        yield from ast.walk(node)
+
+
+def _names_in(node: ast.AST) -> set[str]:
+    """Names and attributes, and keys that are looked up."""
+    parts = [*_parts(node)]
+    names = {n.attr for n in parts if isinstance(n, ast.Attribute)} | {n.id for n in parts if isinstance(n, ast.Name)}
+    keys = [n.slice for n in parts if isinstance(n, ast.Subscript)]
+    keys += [n.args[0] for n in parts if isinstance(n, ast.Call) and getattr(n.func, "attr", "") == "get" and n.args]
+    return names | {key.value for key in keys if isinstance(key, ast.Constant) and isinstance(key.value, str)}
+
+
+def _words_in(node: ast.AST, constants: dict[str, set[str]]) -> set[str]:
+    """Words of an expression; of a tensor's name, KIND.NAME, its kind."""
+    texts = {n.value for n in _parts(node) if isinstance(n, ast.Constant) and isinstance(n.value, str)}
+    words = {text.partition(".")[0] for text in texts}
+    return words.union(*(constants.get(name, set()) for name in _names_in(node)))
+
+
+def _assigned(tree: ast.AST) -> Iterator[tuple[ast.expr, ast.expr]]:
+    """Each target, and the expression that it takes its value or its values from."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            yield from ((target, node.value) for target in node.targets)
+        elif isinstance(node, ast.AnnAssign | ast.NamedExpr) and node.value is not None:
+            yield node.target, node.value
+        elif isinstance(node, ast.For | ast.comprehension):
+            yield node.target, node.iter
+
+
+def _constants(tree: ast.Module) -> dict[str, set[str]]:
+    """Text in the constants of a module, by name: literals alone, not tables of functions."""
+    literal = (ast.Constant, ast.Set, ast.List, ast.Tuple, ast.expr_context)
+    found = dict[str, set[str]]()
+    for node in tree.body:
+        for target, value in _assigned(node):
+            inner = [*ast.walk(value.args[0] if _is_set_of(value) else value)]  # type: ignore[attr-defined]
+            if isinstance(target, ast.Name) and target.id.isupper() and all(isinstance(n, literal) for n in inner):
+                found[target.id] = {n.value for n in inner if isinstance(n, ast.Constant) and isinstance(n.value, str)}
+    return found
+
+
+def _is_set_of(value: ast.expr) -> bool:
+    return isinstance(value, ast.Call) and getattr(value.func, "id", "") in ("set", "frozenset") and bool(value.args)
+
+
+def _aliases(tree: ast.Module) -> set[str]:
+    """ASKED, and names that are given the value of one of them, or of a part of it."""
+    asked, before = set(ASKED), set[str]()
+    pairs = [
+        (target.id, _names_in(value))
+        for target, value in _assigned(tree)
+        if isinstance(target, ast.Name) and _is_plain(value)
+    ]
+    while asked != before:
+        before = set(asked)
+        asked |= {name for name, names in pairs if names & asked}
+    return asked
+
+
+def _is_plain(value: ast.expr) -> bool:
+    """True of a name, an attribute, or a set, list or part of one: not of what a function makes of it."""
+    made = [n for n in ast.walk(value) if isinstance(n, ast.Call)]
+    return all(getattr(n.func, "id", "") in ("set", "frozenset", "list", "tuple", "sorted") or
+               getattr(n.func, "attr", "") in ("get", "split") for n in made)  # fmt: skip
 
 
 STAGE_ROW = re.compile(

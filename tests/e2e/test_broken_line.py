@@ -51,7 +51,7 @@ def upload_of(n_bytes: int) -> bytes:
 
 @pytest.mark.parametrize("loss", [0.01, 0.1])
 def test_a_line_that_loses_pieces_brings_the_whole_file(sensor: Sensor, tmp_path: Path, loss: float) -> None:
-    n_bytes = N_BYTES if IS_SOAK or loss < 0.1 else N_BYTES // 8  # what is lost costs half a second's waiting each
+    n_bytes = N_BYTES if IS_SOAK or loss < 0.1 else N_BYTES // 4  # what is lost costs half a second's waiting each
     data = upload_of(n_bytes)
     with (
         start(sensor, tmp_path / "store", "--wait-for-host") as daemon,

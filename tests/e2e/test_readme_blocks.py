@@ -53,7 +53,7 @@ READERS_OWN = re.compile(
     r"/dev/|\b(NAME|BENCH|BOARD|FOLDER|FILE|DIR|LOG|COPY|THEIRS|PORT|ADDRESS)\b|\bsudo\b|\.\.\.|\.ci/"
 )
 BY_HAND = re.compile(r"^# by hand: (minutes|half an hour|an hour|hours)\b", re.M)
-FEWER = {"balls --n 40": "balls --n 6", "balls --n 24": "balls --n 2", "presses.h5 --n 4": "presses.h5 --n 2"}
+FEWER = {"balls --n 40": "balls --n 10", "balls --n 24": "balls --n 4", "presses.h5 --n 4": "presses.h5 --n 2"}
 OPERATOR = re.compile(r"^(ruffini cal fit --only operator --board \S+ --out (\S+))\n", re.M)
 RUN_HERE = [(path, block) for path in TEXTS if name_of(path) not in RUN_ELSEWHERE for block in blocks(path, "sh")]
 

@@ -9,7 +9,7 @@ import json
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,26 +24,33 @@ SIGNATURE = "zz_signature"
 SIGNATURE_BYTES = 64
 MAX_HEADER_BYTES = 65_536
 MAX_RANK = 8
+
+
+class Kind(NamedTuple):
+    """A kind of tables. is_of_light: the manifest's `optics` are those that they were fitted with."""
+
+    is_of_light: bool = False
+
+
 KINDS = {
-    "camera",
-    "contact",
-    "contact_depth",
-    "contact_model",
-    "dark",
-    "fingertip",
-    "finite_strain",
-    "gauge",
-    "marker_depth",
-    "operator",
-    "photometric",
-    "relaxation",
-    "rest",
-    "skin",
-    "support",
-    "views",
-    "wrench",
+    "camera": Kind(),
+    "contact": Kind(),
+    "contact_depth": Kind(),
+    "contact_model": Kind(),
+    "dark": Kind(),
+    "fingertip": Kind(),
+    "finite_strain": Kind(),
+    "gauge": Kind(),
+    "marker_depth": Kind(),
+    "operator": Kind(),
+    "photometric": Kind(is_of_light=True),
+    "relaxation": Kind(),
+    "rest": Kind(),
+    "skin": Kind(),
+    "support": Kind(),
+    "views": Kind(),
+    "wrench": Kind(),
 }
-OPTICAL_KINDS = {"photometric"}  # the manifest's `optics` are those that these were fitted with
 PASSED, FAILED = "passed", "failed: "  # the manifest's gates: the report's verdict, or FAILED and names
 DTYPES = {"U8": np.uint8, "I16": np.int16, "U16": np.uint16, "I32": np.int32}
 # Anybody can derive this key: it proves integrity, not origin. STATUS says when it is in use.
@@ -200,7 +207,7 @@ def unpack(data: bytes, where: str = "calibration file") -> CalibrationFile:
         raise refuse("names no board")
     del tensors[SIGNATURE]
     file = CalibrationFile(tensors, metadata, data)
-    for kind in set(file.kinds) - KINDS:
+    for kind in set(file.kinds) - KINDS.keys():
         raise refuse(f'kind "{kind}" is unknown')
     for name in tensors:
         if name.split(".")[0] not in file.kinds:
@@ -306,7 +313,7 @@ def merge(files: list[CalibrationFile], seed: bytes = DEVELOPMENT_SEED) -> Calib
             metadata = {k: v for k, v in metadata.items() if not k.startswith(kind + ".")}
         tensors.update(file.tensors)
         metadata.update(file.metadata)
-        if OPTICAL_KINDS & set(file.kinds):
+        if any(KINDS[kind].is_of_light for kind in file.kinds):
             optics = file.metadata.get("optics", "")
     metadata["optics"] = optics
     metadata = {**{k: v for k, v in metadata.items() if k != "gates"}, **_merged_gates(files)}

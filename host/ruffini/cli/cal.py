@@ -347,11 +347,11 @@ def _less_dark(presses: PressSet, path: Path, board: Board) -> PressSet:
 
 def _camera_of(path: Path, board: Board) -> CalibrationFile:
     from ruffini.calibrate import container, keys
+    from ruffini.estimators.camera.stage import CAMERA
 
     file = keys.read_verified(path)
     container.check_board(file, board)
-    if "camera.rays" not in file.tensors:
-        raise InputError(f"{path} holds no camera: make one with `ruffini cal fit --only camera`")
+    CAMERA.need(file, path)
     return file
 
 

@@ -140,20 +140,20 @@ def check_sums(run: Run) -> int:
     Raises
     ------
     CheckFailed
-        A field is not measured along an axis of its wrench that is, or there is nothing to compare.
+        A field is not valid along an axis along which its wrench is, or there is nothing to compare.
     """
     differences = list[int]()
     for i, wrench in run.results["WRENCH"].items():
-        seen = np.isfinite(wrench.values[:3])
+        seen = np.array(wrench.validity[:3]) == VALID
         got = run.results["FIELD"].get(i)
         if got is None or not seen.any():
             continue
         if not np.isfinite(got.force[..., seen]).all():
-            raise CheckFailed(f"frame {i}: the wrench is measured along an axis along which its field is not")
+            raise CheckFailed(f"frame {i}: the wrench is valid along an axis along which its field is not")
         total = got.force_steps.astype(np.int64).sum(axis=(0, 1)) * round(got.force_lsb_n * 1e6)
         differences.append(int(np.abs(total[seen] - np.round(wrench.values[:3][seen] * 1e6)).max()))
     if not differences:
-        raise CheckFailed("no frame came with both a measured wrench and its field: their sums cannot be compared")
+        raise CheckFailed("no frame came with both a valid wrench and its field: their sums cannot be compared")
     return max(differences)
 
 

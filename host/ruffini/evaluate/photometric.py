@@ -20,6 +20,7 @@ from ruffini.boards.pictures import picture_board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.photometric.intensity import has_depth_table
 from ruffini.estimators.photometric.pad_view import MappedCamera, PadView, mm_per_px, pad_view
 from ruffini.estimators.photometric.presses import Press, PressSet, ball_slope
 from ruffini.frames import read_image
@@ -244,7 +245,7 @@ def evaluate(
     """
     view = view_of(board, file, presses.reference.shape, presses.px_per_mm)
     judge = Judge(presses, view)
-    is_of_depth = "photometric.depth" in file.tensors
+    is_of_depth = has_depth_table(file)
     own_slope = view.px_per_mm(presses.px_per_mm) if is_of_depth else None
     rows, surfaces = [], []
     with Pipeline(view.board, view.calibration) as pipeline:

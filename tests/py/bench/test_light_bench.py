@@ -96,5 +96,5 @@ def test_the_table_says_every_part():
     text = light.table(result)
     assert "SIMULATED" in text
     assert "followed" in text
-    assert "board 5.0 um 20.0 um 0 of 9" in " ".join(text.split())
+    assert "correction     RMS  largest  false touches\nboard       5.0 um  20.0 um         0 of 9\n" in text
     assert "held for 7200 frames: 0.8000 N at first" in text

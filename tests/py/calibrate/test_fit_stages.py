@@ -16,7 +16,7 @@ from test_material import TRUE, board, touches  # noqa: F401
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.fit.job import HELD_S, Job, Outcome, left_after, material_of
+from ruffini.calibrate.fit.job import HELD_S, Job, Outcome, material_of
 from ruffini.calibrate.fit.run import finished, gates_of_stages, run_stages
 from ruffini.calibrate.fleet.units import fit_fleet, outliers_of
 from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in
@@ -29,7 +29,7 @@ from ruffini.estimators.operator.fit import Material, board_slab, make_operator
 from ruffini.estimators.operator.page import write_page
 from ruffini.estimators.operator.report import report_of
 from ruffini.estimators.relaxation import stage as relaxation
-from ruffini.estimators.relaxation.fit import fit_relaxation
+from ruffini.estimators.relaxation.fit import fit_relaxation, left_after
 from ruffini.estimators.table import BY_NAME, applying
 from ruffini.estimators.threshold import fit as contact_noise
 from ruffini.estimators.threshold import stage as threshold

@@ -20,7 +20,7 @@ from ruffini.estimators.operator.fit import Material
 from ruffini.estimators.photometric.presses import load_presses
 
 COLUMNS = "image,center_x_px,center_y_px,contact_radius_px"
-N = 8
+N = 12
 Circle = tuple[float, float, float]
 
 

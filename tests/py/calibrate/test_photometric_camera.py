@@ -108,4 +108,4 @@ def test_the_verb_takes_the_camera(
     done = CliRunner().invoke(app, [*words, "--camera", str(tmp_path / "camera")])
     assert "pixels looked at by the map" in str(done.exception)
     container.write(tmp_path / "none", container.pack({"rest.image": np.zeros((1, 1, 3), np.uint16)}, camera.metadata))
-    assert "holds no camera" in str(CliRunner().invoke(app, [*words, "--camera", str(tmp_path / "none")]).exception)
+    assert "has no camera table" in str(CliRunner().invoke(app, [*words, "--camera", str(tmp_path / "none")]).exception)

@@ -17,7 +17,7 @@ from ruffini.calibrate.log.touches import TouchLog, read_touch_log
 from ruffini.estimators.material.fit import MaterialFit
 from ruffini.estimators.material.prior import Prior, board_prior, next_gel_prior
 from ruffini.estimators.operator.fit import Material
-from ruffini.estimators.relaxation.fit import PART_Q20
+from ruffini.estimators.relaxation.fit import left_after
 from ruffini.fem.operators import Noise
 
 Array = npt.NDArray[np.float64]
@@ -99,7 +99,7 @@ class Job:
             if file is not None and kind in file.kinds:
                 self.tensors |= {k: v for k, v in file.tensors.items() if k.split(".")[0] == kind}
                 self.metadata |= {k: v for k, v in file.metadata.items() if k.split(".")[0] == kind}
-                if kind in container.OPTICAL_KINDS:
+                if container.KINDS[kind].is_of_light:
                     self.metadata["optics"] = file.metadata.get("optics", "")
                 of = "a file that was given" if state == "given" else "the previous calibration"
                 return Outcome(state, f"that of {of}, made {file.metadata.get('created_utc', 'at an unknown time')}")
@@ -119,11 +119,3 @@ def stiffness_sigma_of(file: CalibrationFile | None) -> float | None:
     """Relative standard deviation of the force that `material_of` leaves; None where the file does not state it."""
     text = None if file is None else file.metadata.get("support.stiffness_sigma_1e6")
     return None if text is None else int(text) * 1e-6
-
-
-def left_after(tensors: Tensors, time_s: float) -> float:
-    """Part of the instantaneous force that is left after a while: 1 where nothing relaxes."""
-    if "relaxation.part" not in tensors:
-        return 1.0
-    part, time_ms = (tensors[f"relaxation.{n}"].astype(float) for n in ("part", "time_ms"))
-    return float(1 + (part / PART_Q20 * np.expm1(-time_s * 1e3 / time_ms)).sum())

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.fit.job import HELD_S, left_after
+from ruffini.calibrate.fit.job import HELD_S
 from ruffini.calibrate.gates import (
     MAX_ERROR,
     MAX_REST_N,
@@ -24,6 +24,7 @@ from ruffini.calibrate.log.touches import TouchLog
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.estimators.operator.error_model import node_places
 from ruffini.estimators.operator.fit import board_slab
+from ruffini.estimators.relaxation.fit import left_after
 
 Array = npt.NDArray[np.float64]
 

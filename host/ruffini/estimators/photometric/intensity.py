@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.calibrate.container import CalibrationFile
 from ruffini.errors import InputError
 from ruffini.estimators.photometric.presses import Press, PressSet, relative_change
 from ruffini.frames import read_image
@@ -55,6 +56,11 @@ class IntensityFit:
         """The table of proto/CALIBRATION.md."""
         z = self.depth_mm(np.linspace(-1, 1, N_LINES)) * LSB_PER_MM
         return {"photometric.depth": np.clip(np.floor(z + 0.5), -32767, 32767).astype(np.int16)}
+
+
+def has_depth_table(file: CalibrationFile) -> bool:
+    """True if a file makes depth of brightness, not slopes of colours."""
+    return "photometric.depth" in file.tensors
 
 
 def _weights(change: Array) -> Array:

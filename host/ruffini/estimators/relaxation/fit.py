@@ -193,3 +193,11 @@ def read_relaxation(path: Path, board: Board) -> RelaxationFit:
             float(tree["rmse_before_n"]), float(tree["rmse_after_n"]),
         ),
     )  # fmt: skip
+
+
+def left_after(tensors: Tensors, time_s: float) -> float:
+    """Part of the instantaneous force that is left after a while: 1 where nothing relaxes."""
+    if "relaxation.part" not in tensors:
+        return 1.0
+    part, time_ms = (tensors[f"relaxation.{n}"].astype(float) for n in ("part", "time_ms"))
+    return float(1 + (part / PART_Q20 * np.expm1(-time_s * 1e3 / time_ms)).sum())

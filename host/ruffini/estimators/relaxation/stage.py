@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.fit.job import HELD_S, Job, Outcome, Progress, left_after
+from ruffini.calibrate.fit.job import HELD_S, Job, Outcome, Progress
 from ruffini.calibrate.gates import Gate, at_most, near
 from ruffini.calibrate.log.touches import Series
 from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator
-from ruffini.estimators.relaxation.fit import RelaxationFit, RelaxationLog, fit_relaxation, lost_of
+from ruffini.estimators.relaxation.fit import RelaxationFit, RelaxationLog, fit_relaxation, left_after, lost_of
 
 Array = npt.NDArray[np.float64]
 
