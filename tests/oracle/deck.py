@@ -1,7 +1,6 @@
 """One press as an input file of CalculiX: hyperelastic pad, bonded base, rigid indenter with friction.
 
-The oracle's own program writes nothing of ours into the solution: it gets geometry, material and path, no more.
-Units mm, N, MPa.
+CalculiX gets geometry, material and path, and nothing of the twin's solution. Units mm, N, MPa.
 """
 
 from __future__ import annotations
