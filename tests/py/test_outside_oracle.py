@@ -16,6 +16,7 @@ from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.estimators.operator.fit import make_operator
+from ruffini.estimators.operator.gauge import USUAL
 from ruffini.fem.operators import Noise
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
@@ -182,7 +183,7 @@ def test_a_bad_deck_names_its_log(tmp_path: Path) -> None:
 
 # Error of the total force over the force, by depth, mm.
 BUDGET = {0.3: (0.001, 0.04), 0.6: (0.02, 0.08), 1.0: (0.08, 0.16)}
-NOISE = Noise((5e-6, 5e-6, 20e-6))
+NOISE = Noise(USUAL.sigma_m)
 
 
 def test_the_boards_integers_measure_kept_presses_of_the_oracle() -> None:
