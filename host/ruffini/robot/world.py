@@ -143,9 +143,7 @@ class World:
 
 def _check_settings(pads: Mapping[str, str | Board], stiffness: float, noise_m: tuple[float, float, float]) -> None:
     if not pads:
-        raise InputError(
-            "the world has no pads: name a site or box of the model and its board, e.g. {'left': 'gelslim'}"
-        )
+        raise InputError("the world has no pads: give at least one site or box of the model, with its board")
     if not 0 < stiffness < np.inf:
         raise InputError(f"stiffness {stiffness}: give a number above zero, 1 for the board's own")
     if np.shape(noise_m) != (3,) or not all(0 <= one < np.inf for one in noise_m):
