@@ -135,6 +135,15 @@ def test_a_punch_is_a_disc_with_a_flank_and_faces_the_pad() -> None:
     assert areas.sum() == pytest.approx(np.pi * 2.4**2, rel=0.02)
 
 
+def test_increments_of_a_step_are_short_enough_and_end_where_it_ends() -> None:
+    line = np.linspace(-2, 2, 3)
+    mesh, plate = PadMesh(line, line, np.array([-2.0, -1.0, 0.0])), sheet(lambda x, y: 0 * x, 2.5, 2.5, 1.25)
+    path = [Place(0, 0, 0.3), Place(0, 0, 0.7), Place(0.03, 0, 0.7)]
+    lines = write_deck(Pad(4, 4, 2, 0.2, 0.48), mesh, plate, path, 0.7, 0.04).splitlines()
+    steps = [lines[i + 1].split(",") for i, line in enumerate(lines) if line == "*STATIC"]
+    assert [(float(first), float(most)) for first, _, _, most in steps] == [(1 / 8, 1 / 8), (1 / 16, 1 / 16), (1, 1)]
+
+
 def small_press() -> tuple[PadMesh, str]:
     """A wide flat plate on a small pad, pressed and then pushed aside. Its solution is in tests/data/oracle."""
     line = np.linspace(-2, 2, 3)
