@@ -15,7 +15,7 @@ PRESSES ?=
 BOARD ?= $(if $(INPUT),gelsight-mini,gelslim)
 OUT ?= out/$(if $(INPUT),$(BOARD),run)
 SUITE ?= bookworm
-# 1: make bench and make oracle do less, for no figures to quote.
+# 1: make bench and make oracle do less; their figures are then not the README's.
 QUICK ?=
 # Seconds for each fuzzer.
 FUZZ_S ?= 60
@@ -49,7 +49,7 @@ run: setup  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the d
 
 # Test modules run longest first, by what each took last time; each stays with one worker, whose fixtures it shares.
 # Bytecode is kept also where the environment forbids it: pytest's own of the tests takes six seconds in every worker.
-# A third of a worker's time it waits for daemons, pages and shells: one worker more than cores uses it.
+# A worker waits a third of its time for daemons, pages and shells, so one worker more than cores keeps the cores busy.
 PYTEST = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $$(($(JOBS) + 1)) \
   --dist loadfile --no-loadscope-reorder --durations 10 --durations-min 1
 ONLY ?=

@@ -20,6 +20,8 @@ import reference
 ROOT = Path(__file__).resolve().parents[1]
 TEXT_ROOTS = ("boards/", "docs/", "firmware/", "host/", "proto/", "tests/README.md")
 WORKER = "worker_on_files.js"
+FETCHED = "https://unpkg.com/iframe-worker/shim"
+MARK = ".made-by-build-site"
 LINK = re.compile(r"(!?\[(?:[^\]\[]|\[[^\]]*\])*\])\((?!https?:|mailto:|#)([^)\s#]+)(#[^)\s]*)?\)")
 BLOCK = re.compile(r"(^ *```.*?^ *```$)", re.M | re.S)
 
@@ -28,7 +30,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path, help="folder to make: pages/ and site/")
     out = parser.parse_args().out.resolve()
-    shutil.rmtree(out, ignore_errors=True)
+    make_empty(out)
     for path in texts():
         write(out / "pages" / path, page(path, out / "pages"))
     for name, text in reference.pages().items():
@@ -43,12 +45,23 @@ def main() -> None:
     print(out / "site" / "index.html")
 
 
+def make_empty(out: Path) -> None:
+    """An empty folder; what an earlier build left there is removed, anything else is refused."""
+    if out.exists() and not (out / MARK).is_file() and (not out.is_dir() or any(out.iterdir())):
+        raise SystemExit(f"docs: {out} was not made by this program: give a new or an empty folder, or remove it first")
+    shutil.rmtree(out, ignore_errors=True)
+    write(out / MARK, "The next build removes this folder.\n")
+
+
 def make_search_local(site: Path) -> None:
     """Replace the script that Material fetches from the network, for pages opened as files, by our own."""
     shutil.copyfile(ROOT / "docs" / WORKER, site / "assets" / "javascripts" / WORKER)
-    for path in site.rglob("*.html"):
+    fetching = [path for path in site.rglob("*.html") if FETCHED in path.read_text()]
+    if not fetching:
+        raise SystemExit(f"docs: no page fetches {FETCHED}: see what this version of Material fetches for its search")
+    for path in fetching:
         place = os.path.relpath(site / "assets" / "javascripts" / WORKER, path.parent)
-        path.write_text(path.read_text().replace("https://unpkg.com/iframe-worker/shim", place))
+        path.write_text(path.read_text().replace(FETCHED, place))
 
 
 def tracked() -> list[str]:

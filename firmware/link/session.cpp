@@ -375,7 +375,7 @@ void Session::cancel_zero(uint64_t now_us) {
 
 std::span<const uint8_t> Session::pending() {
   if (written_ > 0) return std::span<const uint8_t>(writing_).subspan(written_);
-  // Selected anew until its first byte is sent, so that a blocked line gets the newest message once it accepts bytes.
+  // Selected again until its first byte is sent, so that a blocked line gets the newest message once it accepts bytes.
   writing_.clear();
   offered_ = nullptr;
   if (!replies_.empty()) {

@@ -510,6 +510,8 @@ AVOIDED = {
     r"\bgraded\b": "quality",
     r"\bfor who (?:has|wants|asks)\b": "for users who",
     r"\bwhat (?:it|its results|they) (?:is|are) worth\b": "validity and flags",
+    r"\banew\b": "again",
+    r"\bwhoever\b": "the noun that is meant",
 }
 DIVIDER = re.compile(r"\s*\|[ :|-]+\|$")
 

@@ -10,14 +10,16 @@ import numpy as np
 import numpy.typing as npt
 from mesh import PadMesh
 from presses import Press, deck_of, path_of, reach
-from results import Printed, Surface, read_dat, surface_forces
-from solve import solved
+from results import AGAIN, Printed, Surface, read_dat, surface_forces
+from solve import OracleError, solved
 
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import Methods, evaluate
 from ruffini.bench.states import Recipe, State, make_states
 from ruffini.boards import Board
+from ruffini.errors import InputError
 from ruffini.estimators.operator.marker_lattice import marker_places
+from ruffini.sim.settings import load_twin
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +43,23 @@ class Solved:
         return f"{self.press.name} {self.state.depth_mm:g} mm"
 
 
+def check_board(board: Board) -> None:
+    """Refuse boards that the decks do not describe.
+
+    Raises
+    ------
+    InputError
+        The pad is not flat, has no lattice of markers, or the core makes no forces of its displacements.
+    """
+    has_lattice = board.markers is not None and board.writes("node_forces")
+    twin = load_twin(board) if has_lattice else None
+    if twin is None or twin.shape.kind != "plane" or twin.platform is not None:
+        raise InputError(
+            f"board {board.name!r} cannot be pressed by the oracle: give one with a flat pad, a lattice of markers and "
+            "forces of their displacements"
+        )
+
+
 def solve_press(board: Board, press: Press, folder: Path, *, only_kept: bool = False) -> list[Solved]:
     """Every state of a press; with `only_kept` nothing is solved that is not in `folder`.
 
@@ -50,8 +69,10 @@ def solve_press(board: Board, press: Press, folder: Path, *, only_kept: bool = F
         It cannot be solved here.
     """
     mesh, deck = deck_of(board, press)
-    printed = read_dat(solved(deck, folder, only_kept=only_kept))
-    _, judged = path_of(press)
+    printed = read_dat(path := solved(deck, folder, only_kept=only_kept))
+    places, judged = path_of(press)
+    if len(printed) != len(places):
+        raise OracleError(f"{path} has {len(printed)} steps of {len(places)}: {AGAIN}")
     return [state_of(board, mesh, press, depth, printed[k]) for depth, k in zip(press.depths, judged, strict=True)]
 
 
@@ -66,7 +87,7 @@ def state_of(board: Board, mesh: PadMesh, press: Press, depth: float, printed: P
     grid_x, grid_y = (
         np.linspace(-size / 2, size / 2, n) * 1e-3 for size, n in ((pad.size_x_um, grid.n_x), (pad.size_y_um, grid.n_y))
     )
-    assert board.markers is not None
+    assert board.markers is not None  # `check_board`
     marker_x, marker_y = (line / MM for line in marker_places(board, board.markers))
     state = State(
         press.recipe, depth, surface.on_grid(force, grid_x, grid_y),

@@ -1,11 +1,11 @@
 """One press as an input file of CalculiX: hyperelastic pad, bonded base, rigid indenter with friction.
 
-The oracle's own program writes nothing of ours into the solution: it gets geometry, material and path, no more.
-Units mm, N, MPa.
+CalculiX gets geometry, material and path, and nothing of the twin's solution. Units mm, N, MPa.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +63,8 @@ def write_deck(
     """The input file; the end of each place of the path is one step, whose results are printed.
 
     `increment` is the longest way (mm) of the indenter between two equilibria: friction follows the path, and a point
-    that touches within an increment sticks to where it was at its beginning. None: half a step, then freely.
+    that touches within an increment sticks to where it was at its beginning. None: half a step, then freely. A step has
+    2, 4, 8... increments, whose sum is exactly 1: from a rest of 1e-6 the solver finds no equilibrium.
     """
     n_pad, n_bricks = len(mesh.nodes), len(mesh.elements)
     start = Place(path[0].x, path[0].y, 0.0, path[0].turn).of(indenter.nodes)
@@ -88,9 +89,9 @@ def write_deck(
     for place in path:
         moved = place.of(indenter.nodes) - start
         way = float(np.linalg.norm(moved + start - before, axis=1).max())
-        first, most = (0.5, 1.0) if increment is None else (min(1.0, increment / way),) * 2
+        first, most = (0.5, 1.0) if increment is None else (0.5 ** max(0, math.ceil(math.log2(way / increment))),) * 2
         before = moved + start
-        lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", f"{first:.6g}, 1., {SMALLEST_INCREMENT}, {most:.6g}"]
+        lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", f"{first:.17g}, 1., {SMALLEST_INCREMENT}, {most:.17g}"]
         lines += ["*CONTROLS, PARAMETERS=CONTACT", SETTLED_CONTACT, "*BOUNDARY"]
         lines += [f"{n_pad + i + 1},{c + 1},{c + 1},{u[c]:.9g}" for i, u in enumerate(moved) for c in range(3)]
         lines += ["*NODE PRINT, NSET=RIGID, TOTALS=ONLY, FREQUENCY=1000", "RF"]

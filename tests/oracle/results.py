@@ -14,9 +14,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from mesh import HALF_STEPS, TOP_NODES, PadMesh
+from solve import OracleError
 
 Array = npt.NDArray[np.float64]
 
+AGAIN = "remove the file, and solve again"
 _CORNER = 1 / np.sqrt(3)
 # Integration points of a brick in the solver's order: x fastest, then y, then z.
 POINTS = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)]) * _CORNER
@@ -39,22 +41,25 @@ def read_dat(path: Path) -> list[Printed]:
 
     Raises
     ------
-    ValueError
-        A table is missing or cut short: the solver ended early.
+    OracleError
+        A table is missing, cut short or not numbers: the solver ended early.
     """
     tables: dict[tuple[str, str], list[Array]] = {}
-    for kind, name, rows in _tables(path.read_text()):
-        tables.setdefault((kind, name), []).append(rows)
+    try:
+        for kind, name, rows in _tables(path.read_text()):
+            tables.setdefault((kind, name), []).append(rows)
+    except ValueError as error:
+        raise OracleError(f"{path} has a table that cannot be read ({error}): {AGAIN}") from error
     wanted = [("displacements", "LAYER"), ("stresses", "UPPER"), ("total force", "RIGID"), ("total force", "BASE")]
     if missing := [" of ".join(key) for key in wanted if key not in tables]:
-        raise ValueError(f"{path} has no table {', '.join(missing)}: the solver ended early, solve again")
+        raise OracleError(f"{path} has no table {', '.join(missing)}, since the solver ended early: {AGAIN}")
     if len({len(tables[key]) for key in wanted}) != 1:
-        raise ValueError(f"{path} ends within a step: the solver was stopped, solve again")
+        raise OracleError(f"{path} ends within a step, since the solver was stopped: {AGAIN}")
     out = []
     for moved, stress, indenter, base in zip(*(tables[key] for key in wanted), strict=True):
         n_points = len(POINTS)
         if len(stress) % n_points or not np.array_equal(stress[:n_points, 1], np.arange(n_points) + 1):
-            raise ValueError(f"{path}: stresses are not at {n_points} points an element: use C3D20R")
+            raise OracleError(f"{path} has stresses that are not at {n_points} points an element: use C3D20R")
         out.append(
             Printed(
                 moved[:, 0].astype(int) - 1, moved[:, 1:4], stress[:, 2:8].reshape(-1, n_points, 6),

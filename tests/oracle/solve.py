@@ -8,11 +8,13 @@ import shutil
 import subprocess
 from pathlib import Path
 
+from ruffini.errors import RuffiniError
+
 PROGRAM = "ccx"
 TIME_LIMIT_S = 4 * 3600
 
 
-class OracleError(Exception):
+class OracleError(RuffiniError):
     """The oracle has no solution; the message says why and what to do."""
 
 
@@ -26,7 +28,7 @@ def solved(deck: str, folder: Path, *, only_kept: bool = False) -> Path:
     Raises
     ------
     OracleError
-        The program is missing, or found no equilibrium.
+        The program is missing, found no equilibrium, or took longer than TIME_LIMIT_S.
     """
     name = hashlib.sha256(deck.encode()).hexdigest()[:24]
     kept = folder / f"{name}.dat"
@@ -39,10 +41,16 @@ def solved(deck: str, folder: Path, *, only_kept: bool = False) -> Path:
     work = folder / f"{name}.work"
     work.mkdir(parents=True, exist_ok=True)
     (work / "press.inp").write_text(deck)
-    done = subprocess.run(
-        [PROGRAM, "-i", "press"], cwd=work, capture_output=True, text=True, errors="replace", timeout=TIME_LIMIT_S,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )  # fmt: skip
+    try:
+        done = subprocess.run(
+            [PROGRAM, "-i", "press"], cwd=work, capture_output=True, text=True, errors="replace", timeout=TIME_LIMIT_S,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as error:
+        raise OracleError(
+            f"{PROGRAM} was stopped after {TIME_LIMIT_S / 3600:g} h: {work}/press.sta has how far it came; a faster "
+            "computer, or a larger TIME_LIMIT_S in tests/oracle/solve.py"
+        ) from error
     if done.returncode or "*ERROR" in done.stdout or "Job finished" not in done.stdout:
         log = work / "press.log"
         log.write_text(done.stdout + done.stderr)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -16,12 +17,15 @@ from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.estimators.operator.fit import make_operator
+from ruffini.estimators.operator.gauge import USUAL
 from ruffini.fem.operators import Noise
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
-from compare import kept_states
+import run
+from compare import kept_states, solve_press
 from deck import Pad, Place, write_deck
 from mesh import HALF_STEPS, PadMesh, graded, punch, sheet
+from presses import PRESSES
 from results import POINTS, Printed, Surface, brick_gradients, face_shapes, read_dat, surface_forces
 from solve import OracleError, solved
 
@@ -131,6 +135,15 @@ def test_a_punch_is_a_disc_with_a_flank_and_faces_the_pad() -> None:
     assert areas.sum() == pytest.approx(np.pi * 2.4**2, rel=0.02)
 
 
+def test_increments_of_a_step_are_short_enough_and_end_where_it_ends() -> None:
+    line = np.linspace(-2, 2, 3)
+    mesh, plate = PadMesh(line, line, np.array([-2.0, -1.0, 0.0])), sheet(lambda x, y: 0 * x, 2.5, 2.5, 1.25)
+    path = [Place(0, 0, 0.3), Place(0, 0, 0.7), Place(0.03, 0, 0.7)]
+    lines = write_deck(Pad(4, 4, 2, 0.2, 0.48), mesh, plate, path, 0.7, 0.04).splitlines()
+    steps = [lines[i + 1].split(",") for i, line in enumerate(lines) if line == "*STATIC"]
+    assert [(float(first), float(most)) for first, _, _, most in steps] == [(1 / 8, 1 / 8), (1 / 16, 1 / 16), (1, 1)]
+
+
 def small_press() -> tuple[PadMesh, str]:
     """A wide flat plate on a small pad, pressed and then pushed aside. Its solution is in tests/data/oracle."""
     line = np.linspace(-2, 2, 3)
@@ -139,12 +152,57 @@ def small_press() -> tuple[PadMesh, str]:
     return mesh, write_deck(Pad(4, 4, 2, 0.2, 0.48), mesh, plate, [Place(0, 0, 0.1), Place(0.1, 0, 0.1)], 0.7)
 
 
-@pytest.mark.parametrize("tail", ["", " total force (fx,fy,fz) for set RIGID and time  0.1E+01\n\n 1. 2. 3.\n"])
+@pytest.mark.parametrize(
+    "tail",
+    [
+        "",
+        " total force (fx,fy,fz) for set RIGID and time  0.1E+01\n\n 1. 2. 3.\n",
+        " total force (fx,fy,fz) for set RIGID and time  0.1E+01\n\n 1. 2. 3.0-101\n",
+        " 2  0.1\n",
+    ],
+)
 def test_a_result_that_was_cut_short_is_refused(tmp_path: Path, tail: str) -> None:
     path = tmp_path / "press.dat"
     path.write_text(" displacements (vx,vy,vz) for set LAYER and time  0.1E+01\n\n  1  0.1  0.2  0.3\n" + tail)
-    with pytest.raises(ValueError, match="solve again"):
+    with pytest.raises(OracleError, match="remove the file, and solve again"):
         read_dat(path)
+
+
+def test_a_result_that_lacks_steps_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("compare.solved", lambda *_, **__: KEPT / "4ca50cd66b4bad9466b59b46.dat")  # two steps
+    with pytest.raises(OracleError, match="2 steps of 3: remove the file"):
+        solve_press(find_board("gelslim"), PRESSES[0], tmp_path)
+
+
+def test_a_solver_that_takes_too_long_is_stopped_with_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "ccx").write_text("#!/bin/sh\nexec sleep 60\n")
+    (tmp_path / "ccx").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setattr("solve.TIME_LIMIT_S", 0.1)
+    with pytest.raises(OracleError, match=r"stopped after .* h: .*press\.sta"):
+        solved("*NODE", tmp_path / "kept")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--only", "nosuch", "ball"], "no press 'nosuch': choose of ball, flat sheared, ball off centre"),
+        (["--quick", "--only", "edge"], "no press 'edge': choose of ball, flat sheared"),
+        (["--board", "nosuch"], "no board 'nosuch'"),
+        (["--board", "eltac"], "board 'eltac' cannot be pressed by the oracle"),
+        (["--board", "stereo-fingertip"], "board 'stereo-fingertip' cannot be pressed by the oracle"),
+    ],
+)
+def test_the_command_refuses_what_it_does_not_know(
+    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run.main([*arguments, "--solved-only", "--folder", str(tmp_path)]) == 2
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert printed.err.startswith("oracle: ")
+    assert printed.err.count("\n") == 1
 
 
 def test_without_the_program_one_sentence_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,7 +240,7 @@ def test_a_bad_deck_names_its_log(tmp_path: Path) -> None:
 
 # Error of the total force over the force, by depth, mm.
 BUDGET = {0.3: (0.001, 0.04), 0.6: (0.02, 0.08), 1.0: (0.08, 0.16)}
-NOISE = Noise((5e-6, 5e-6, 20e-6))
+NOISE = Noise(USUAL.sigma_m)
 
 
 def test_the_boards_integers_measure_kept_presses_of_the_oracle() -> None:

@@ -1,18 +1,23 @@
-"""Lift a thing of unknown weight and friction with the least force, by its slip margin; then it is pushed.
+"""Lift a thing of unknown weight and friction with the least force, by friction and slip; then it is pushed.
 
 python adaptive_grip.py [--board BOARD] [--seeds N] [--film FILE.gif]
 """
 
 import argparse
 import functools
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from ruffini.boards import find_board
+from ruffini.errors import InputError, RuffiniError
 from ruffini.robot import Gripper, Thing
+from ruffini.robot.core_sensor import NOISE_M
 from ruffini.robot.film import Film
 
-NOISE_M = (5e-6, 5e-6, 20e-6)
 TOUCH_N, MOST_N = 0.6, 12.0
 SAFETY = 1.3  # of the force over the least that friction holds
 GUESS = 0.8  # friction of the first guess; a slip corrects it
@@ -38,8 +43,11 @@ class Task:
         return cls(thing, (0.0, 0.0, -float(push)), float(least * rng.uniform(2.0, 3.0)))
 
 
-class BySlipMargin:
-    """Ours: each pad says how far it is from sliding; the control code is that of the hardware."""
+class ByFriction:
+    """Ours: the grip follows the shear over the friction coefficient that the pads measure once something slips.
+
+    Until then the slip state corrects a guess. The control code is that of the hardware.
+    """
 
     def __init__(self) -> None:
         self.friction, self.grip_n = GUESS, TOUCH_N
@@ -73,7 +81,7 @@ def blind(_: dict, __: dict) -> float:
     return 2.5
 
 
-FEEDBACK = {"slip margin": BySlipMargin, "perfect force": lambda: by_perfect_force, "none": lambda: blind}
+FEEDBACK = {"friction": ByFriction, "perfect force": lambda: by_perfect_force, "none": lambda: blind}
 
 
 @dataclass(frozen=True)
@@ -91,7 +99,7 @@ class Result:
 def run(feedback: str, task: Task, board: str, seed: int = 0, film: Film | None = None) -> Result:
     """One attempt."""
     control, held, most = FEEDBACK[feedback](), [], 0.0
-    with Gripper(board, task.thing, noise_m=NOISE_M, seed=seed, is_feeling=feedback == "slip margin") as gripper:
+    with Gripper(board, task.thing, noise_m=NOISE_M, seed=seed, is_feeling=feedback == "friction") as gripper:
         gripper.grip_n = TOUCH_N
         for i in range(CLOSE + LIFT + HOLD + PUSH + AFTER):
             after_lift = i - CLOSE - LIFT - HOLD
@@ -109,21 +117,45 @@ def run(feedback: str, task: Task, board: str, seed: int = 0, film: Film | None 
         return Result(gripper.slipped_m < DROPPED_M, most < task.breaks_n, float(np.mean(held)), least)
 
 
-def main() -> None:
+def check(board: str, n_seeds: int, film: str | None) -> None:
+    """Refuse what would fail after minutes."""
+    if unmeasured := [
+        axis for axis in ("force_x", "force_y", "force_z") if axis in find_board(board).board.not_measured
+    ]:
+        raise InputError(
+            f"board {board!r} does not measure {', '.join(unmeasured)}, which the grip follows: use another"
+        )
+    if n_seeds < 1:
+        raise InputError(f"--seeds {n_seeds}: give at least 1")
+    if film and not (film.endswith(".gif") and Path(film).absolute().parent.is_dir()):
+        raise InputError(f"--film {film}: give a .gif in a folder that exists")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--board", default="gelslim")
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--film", help="write an animated picture of the first seed here, and no table")
-    chosen = parser.parse_args()
-    if chosen.film:
+    chosen = parser.parse_args(arguments)
+    try:
+        check(chosen.board, chosen.seeds, chosen.film)
+        compare(chosen.board, chosen.seeds, chosen.film)
+    except RuffiniError as error:
+        print(f"adaptive_grip: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+
+
+def compare(board: str, n_seeds: int, path: str | None) -> None:
+    """The table of all feedbacks; or the film of one attempt, to `path`."""
+    if path:
         film = Film()
-        print(run("slip margin", Task.of_seed(1), chosen.board, film=film))
-        film.write(chosen.film)
+        print(run("friction", Task.of_seed(1), board, film=film))
+        film.write(path)
         return
-    print(f"SIMULATED, {chosen.board}, {chosen.seeds} seeds: lifted, pushed, neither dropped nor broken")
+    print(f"SIMULATED, {board}, {n_seeds} seeds: lifted, pushed, neither dropped nor broken")
     for feedback in FEEDBACK:
-        attempt = functools.partial(run, feedback, board=chosen.board)
-        results = [attempt(Task.of_seed(seed), seed=seed) for seed in range(chosen.seeds)]
+        attempt = functools.partial(run, feedback, board=board)
+        results = [attempt(Task.of_seed(seed), seed=seed) for seed in range(n_seeds)]
         over = np.median([r.grip_n / r.least_n for r in results])
         print(
             f"{feedback:14s} success {sum(r.is_success for r in results):2d}, dropped "

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.errors import InputError
 from ruffini.robot.mechanics import PadContact, PadSolid, wrench_about
 from ruffini.robot.shapes import Hull, entry
 
@@ -99,7 +100,12 @@ class AttachedPad:
         return bool(collides and model.body_weldid[body] != model.body_weldid[self.body])
 
     def _seen(self, geom: int) -> _Touching:
-        model, kind = self.model, KINDS[mujoco.mjtGeom(self.model.geom_type[geom])]
+        model, kind = self.model, KINDS.get(mujoco.mjtGeom(self.model.geom_type[geom]))
+        if kind is None:
+            raise InputError(
+                f"pad {self.name!r} cannot touch {_name_of(model, geom)}, a height field or signed distance field: "
+                "make it a mesh or a primitive shape, or let it touch nothing (contype and conaffinity 0)"
+            )
         size = model.geom_size[geom].copy()
         hull = None
         if kind == "box":
@@ -182,6 +188,11 @@ class AttachedPad:
                 arm = (pad.origin - data.xipos[body]).tolist()
                 applied[body, :3] += sign * push
                 applied[body, 3:] += sign * (turn + _cross(arm, push.tolist()))
+
+
+def _name_of(model: Any, geom: int) -> str:
+    name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
+    return f"geom {name!r}" if name else f"geom {geom}"
 
 
 def _cross(a: list[float], b: list[float]) -> list[float]:

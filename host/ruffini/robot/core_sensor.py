@@ -1,54 +1,79 @@
 """A pad's sensor without a picture: displacements through the board's own core, as frames of the public client.
 
-The integers are those of the firmware (`Pipeline.solve`): operator, second pass, wrench, contacts and slip. Every frame
-is SIMULATED; there is no depth and no image.
+The integers are those of the firmware (`Pipeline.solve`): operator, second pass, wrench, contacts and slip. Validity
+and flags follow the firmware's rules: what the board does not measure is NOT_MEASURED here too. Every frame is
+SIMULATED; there is no depth and no image.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import tempfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
+import ruffini
 from ruffini.api.frame import SensorFrame
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
-from ruffini.device.results import VALID, Field
+from ruffini.device.results import INVALID, NOT_MEASURED, VALID, Field
+from ruffini.errors import InputError
+from ruffini.estimators.operator.gauge import USUAL
+from ruffini.fem.operators import Noise
+from ruffini.files import write_whole
 from ruffini.native import native_folder
 from ruffini.sim.cache import cache_folder
 from ruffini.wire import Schema
 
 Array = npt.NDArray[np.float64]
 
-NOISE_M = (5e-6, 5e-6, 20e-6)  # of the displacement, as the default operator takes it
-OVER_RANGE = 32  # FlagBit
+NOISE_M = USUAL.sigma_m  # of the displacement, as the default operator takes it
+UNCALIBRATED_Z, OVER_RANGE = 4, 32  # FlagBit
 LARGEST_STEPS = 32767
+AXES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")  # as [board] not_measured has them
+SLOTS = ("wrench", "contacts", "slip")  # that a frame is made of, beside the nodal forces
 
 
 def default_calibration(board: Board) -> bytes:
-    """A calibration with the board's default operator; made once (a minute), then from the cache."""
-    from ruffini.estimators.operator import fit
+    """A calibration with the board's default operator; made once (a minute), then from the cache.
 
-    code = Path(fit.__file__).read_bytes() + (native_folder() / "libruffini.so").read_bytes()
-    key = hashlib.sha256(board.text.encode() + code).hexdigest()[:32]
-    path = cache_folder().parent / "robot" / f"{board.name}-{key}.safetensors"
+    Raises
+    ------
+    InputError
+        The board's forces come from no operator.
+    """
+    from ruffini.estimators.operator.fit import make_operator
+
+    if not board.writes("node_forces"):
+        raise InputError(
+            f"board {board.name!r} makes its forces from pictures, not from displacements: use another board, or "
+            "pictures (is_feeling=False and ruffini.robot.live)"
+        )
+    settings: dict[str, Any] = {"method": "support", "noise": Noise(NOISE_M)}
+    path = cache_folder().parent / "robot" / f"{board.name}-{_key_of(board, settings)}.safetensors"
     if path.is_file():
         return path.read_bytes()
-    from ruffini.fem.operators import Noise
-
-    kind = fit.make_operator(board, method="support", noise=Noise(NOISE_M))
+    kind = make_operator(board, **settings)
     data = container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}).data
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-        file.write(data)
-    Path(file.name).replace(path)
+    with contextlib.suppress(InputError):  # a cache that cannot be written costs time only
+        write_whole(path, data, is_durable=False)
     return data
+
+
+def _key_of(board: Board, settings: dict[str, Any]) -> str:
+    """Hash of all that a default calibration depends on; it has no seed."""
+    found = hashlib.sha256(f"{board.text} {settings} {np.__version__} {scipy.__version__}".encode())
+    package = Path(ruffini.__file__).parent
+    for path in [*sorted(package.rglob("*.py")), native_folder() / "libruffini.so"]:
+        found.update(path.name.encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()[:32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +94,11 @@ class CoreSensor:
     Parameters
     ----------
     noise_m : standard deviation of the displacement along x, y, z; 0: bit for bit what the mechanics say.
+
+    Raises
+    ------
+    InputError
+        The core refuses the calibration, or makes no forces with it.
     """
 
     def __init__(
@@ -76,6 +106,13 @@ class CoreSensor:
     ) -> None:
         self._board, self._name, self._number = board, name, number
         self._pipeline = Pipeline(board, calibration)
+        if missing := [slot for slot in SLOTS if slot not in self._pipeline.slots]:
+            self._pipeline.close()
+            raise InputError(
+                f"with its calibration board {board.name!r} makes no {', '.join(missing)} of displacements: give pad "
+                f"{name!r} a calibration with an operator"
+            )
+        self._is_measured = [axis not in board.board.not_measured for axis in AXES]
         self._noise, self._seed = np.array(noise_m), seed
         self._limit = board.pad.thickness_um * 1e-6 / 2 / DISPLACEMENT_LSB_M
         self.reset()
@@ -95,6 +132,7 @@ class CoreSensor:
         """The frame of displacements (n, 3), metres, of the board's observed nodes."""
         steps = np.round((displacement + self._rng.normal(size=displacement.shape) * self._noise) / DISPLACEMENT_LSB_M)
         flags = OVER_RANGE if np.abs(steps).max() > self._limit else 0
+        flags |= 0 if self._is_measured[2] else UNCALIBRATED_Z
         steps = np.clip(steps, -LARGEST_STEPS, LARGEST_STEPS).astype(np.int16)
         force = self._pipeline.solve(steps[None])[0]
         number, self._frame = self._frame, self._frame + 1
@@ -104,18 +142,21 @@ class CoreSensor:
         self, force: npt.NDArray[np.int32], steps: npt.NDArray[np.int16], flags: int, number: int, time_s: float
     ) -> SensorFrame:
         schema, layout = Schema.own(), self._pipeline.layout
-        validity = [3 if flags else VALID] * 6
+        usual = INVALID if flags & OVER_RANGE else VALID
+        validity = [usual if is_measured else NOT_MEASURED for is_measured in self._is_measured]
+        has_slip = validity[:3] == [VALID] * 3  # made of shear and pressure
         stamp = {"capture_us": round(time_s * 1e6), "frame": number, "flags": flags}
-        names = ("force_x_un", "force_y_un", "force_z_un", "torque_x_un_um", "torque_y_un_um", "torque_z_un_um")
+        names = [f"{axis}_un" if "force" in axis else f"{axis}_un_um" for axis in AXES]
         wrench = dict(zip(names, self._pipeline.raw("wrench").tolist(), strict=True))
         contacts = [
-            {"id": i + 1, "area_um2_k": round(row.area_um2 / 1000), "center_x_um": row.center_x_um,
+            {"id": i, "area_um2_k": round(row.area_um2 / 1000), "center_x_um": row.center_x_um,
              "center_y_um": row.center_y_um, "force_x_un": row.force_x_un, "force_y_un": row.force_y_un,
-             "force_z_un": row.force_z_un, "peak_depth_nm": row.peak_depth_nm, "validity": validity[0],
-             "reaches_border": bool(row.reaches_border),
-             "slip": {"slip_state": row.slip_state, "shear_ratio_1e3": row.shear_ratio_1e3,
-                      "friction_1e3": row.friction_1e3, "friction_sigma_1e3": row.friction_sigma_1e3,
-                      "slip_share_1e3": row.slip_share_1e3, "slip_margin_un": row.slip_margin_un}}
+             "force_z_un": row.force_z_un, "peak_depth_nm": row.peak_depth_nm, "validity": validity[2],
+             "reaches_border": bool(row.reaches_border)}
+            | ({"slip": {"slip_state": row.slip_state, "shear_ratio_1e3": row.shear_ratio_1e3,
+                         "friction_1e3": row.friction_1e3, "friction_sigma_1e3": row.friction_sigma_1e3,
+                         "slip_share_1e3": row.slip_share_1e3, "slip_margin_un": row.slip_margin_un}}
+               if has_slip and row.slip_state else {})
             for i, row in enumerate(self._pipeline.contacts())
         ]  # fmt: skip
 
@@ -129,7 +170,7 @@ class CoreSensor:
         field = Field(
             time_s, number, flags, force.reshape(*grid, 3) * lsb, force.reshape(*grid, 3), lsb,
             moved, tuple(validity[:3]),
-            self._pipeline.raw("slip").astype(np.int32),
+            self._pipeline.raw("slip").astype(np.int32) if has_slip else None,
         )  # fmt: skip
         flag_names = tuple(schema.enum_names("FlagBit", flags))
         return CoreFrame(

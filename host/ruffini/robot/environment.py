@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
+from ruffini.errors import InputError
+from ruffini.robot.core_sensor import NOISE_M
 from ruffini.robot.gripper import Gripper, Thing
 
 NAME = "ruffini/AdaptiveGrip-v0"
-NOISE_M = (5e-6, 5e-6, 20e-6)
 MOST_N, LEAST_N = 12.0, 0.3  # of the grip
 SPEED_M_S = 0.04  # of the lift
 CLOSE_FRAMES, FRAMES = 40, 180
@@ -76,9 +77,13 @@ class AdaptiveGrip(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self, action: npt.NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:  # fmt: skip
         """One frame with this grip."""
-        assert self._gripper is not None, "call reset() first"
+        grip_n = np.asarray(action, np.float64)
+        if grip_n.shape != (1,) or not np.isfinite(grip_n).all():
+            raise InputError(f"action {action}: give one finite number in an array of shape (1,), the grip in newtons")
+        if self._gripper is None:
+            raise InputError("the environment holds nothing yet: call reset() before step()")
         self._n += 1
-        self._gripper.grip_n = float(np.clip(action[0], LEAST_N, MOST_N))
+        self._gripper.grip_n = float(np.clip(grip_n[0], LEAST_N, MOST_N))
         self._gripper.lift_m = min(self._n * SPEED_M_S * self._gripper.frame_s, 0.05)
         frames = self._gripper.step()
         slipped_m = self._gripper.slipped_m

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ruffini.boards import Board
+from ruffini.errors import InputError
 from ruffini.robot.world import NO_NOISE, World
 
 STEP_S = 8e-4
 PAD_HEIGHT_M = 0.03  # of the pads' centres over the table
 OPENING_M = 0.004  # of each finger beside the object at the start
 FINGER_KG, WRIST_KG = 0.3, 0.5
+N_SIZES = {"box": 3, "cylinder": 2, "sphere": 1}
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,17 @@ class Thing:
     size_m: tuple[float, ...] = (0.02, 0.03)
     mass_kg: float = 0.15
     friction: float = 0.6
+
+    def __post_init__(self) -> None:
+        if self.kind not in N_SIZES:
+            raise InputError(f"a thing cannot be a {self.kind!r}: choose one of {', '.join(N_SIZES)}")
+        if len(self.size_m) != N_SIZES[self.kind] or not all(0 < size < math.inf for size in self.size_m):
+            raise InputError(f"a {self.kind} has {N_SIZES[self.kind]} sizes above zero, in metres, not {self.size_m}")
+        if not 0 < self.mass_kg < math.inf or not 0 <= self.friction < math.inf:
+            raise InputError(
+                f"a thing of {self.mass_kg} kg with friction {self.friction}: give a mass above zero, "
+                "and a friction coefficient that is not below"
+            )
 
     @property
     def half_width_m(self) -> float:
@@ -79,7 +91,7 @@ class Gripper:
             gripper_mjcf(thing), {"left": board, "right": board}, noise_m=noise_m, seed=seed, **options
         )  # fmt: skip
         self.grip_n = self.lift_m = 0.0
-        self._body, self._push = self.world.data.body("thing"), np.zeros(3)
+        self._body = self.world.data.body("thing")
         self.world.start()
         self._start_m = float(self._body.xpos[2])
 
@@ -107,9 +119,7 @@ class Gripper:
 
     def push(self, force_n: tuple[float, float, float]) -> None:
         """Push the thing at its centre, world axes, until the next push."""
-        body = self._body.id
-        self.world.data.xfrc_applied[body, :3] += np.array(force_n) - self._push
-        self._push = np.array(force_n)
+        self._body.xfrc_applied[:3] = force_n
 
     def step(self) -> dict[str, Any]:
         """One frame of both pads under the commands as they are."""

@@ -77,11 +77,6 @@ class Live:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    @property
-    def late_s(self) -> float:
-        """By how much the world is behind the clock."""
-        return max(0.0, time.monotonic() - self._next_s)
-
     def step(self) -> None:
         """Physics of one frame, shown to the cameras, at the clock's pace; late ones are not caught up with."""
         self.world.step()

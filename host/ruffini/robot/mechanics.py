@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
+from ruffini.sim.complementarity import nonnegative
 from ruffini.sim.settings import MeshSettings, load_twin
 from ruffini.sim.surface import hat_shares
 from ruffini.sim.unit import PadError, TwinUnit
@@ -28,7 +29,7 @@ Indices = npt.NDArray[np.intp]
 
 NODES_PER_THICKNESS = 4  # a pressure that varies faster hardly moves the pad
 KEPT_SETS = 512  # inverses of active sets that come again
-MAX_ROUNDS = 30  # of the active set
+MAX_ROUNDS = 30  # of the active set; if it cycles, a solver that always ends takes over
 SLIDER_ROUNDS = 6  # of what sticks taking over from what slips; the rest follows in the next steps
 OPEN_M = 1e-9  # gap that is rounding
 
@@ -100,12 +101,6 @@ class PadSolid:
     def half_size_m(self) -> tuple[float, float]:
         return self.unit.model.size_x_m / 2, self.unit.model.size_y_m / 2
 
-    @property
-    def pitch_m(self) -> float:
-        """Longest distance of neighbouring nodes."""
-        shape = self.unit.model.shape
-        return max(self.unit.model.size_x_m / (shape[1] - 1), self.unit.model.size_y_m / (shape[0] - 1))
-
 
 @dataclass
 class PadContact:
@@ -118,7 +113,6 @@ class PadContact:
     """
 
     solid: PadSolid
-    softness_m_per_n: Array | None = None  # (n, n) of an elastic object, added to the pad's own
     force: Array = field(init=False)
     slips: npt.NDArray[np.bool_] = field(init=False)
     _was_touched: npt.NDArray[np.bool_] = field(init=False)
@@ -127,8 +121,6 @@ class PadContact:
 
     def __post_init__(self) -> None:
         self._mean = self.solid.mean
-        if self.softness_m_per_n is not None:
-            self._mean = self._mean + self.softness_m_per_n
         n = len(self.solid.place)
         self.force, self._stretch, self.slips = np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n, bool)
         self._was_touched = np.zeros(n, bool)
@@ -184,6 +176,9 @@ class PadContact:
             if not (lack > OPEN_M).any():
                 break
             active[beside[lack > OPEN_M]] = True
+        else:
+            pressure = nonnegative(self._mean[2][touched[:, None], touched], depth, active)
+            nodes, pressure = touched[pressure > 0], pressure[pressure > 0]
         self.force[:, 2] = 0.0
         self.force[nodes, 2] = -np.maximum(pressure, 0)
         return np.asarray(nodes)
@@ -208,11 +203,6 @@ class PadContact:
             stretch[slips] = (given - lead[nodes])[slips]
         self.force[:, :2], self._stretch[:], self.slips[:] = 0.0, 0.0, False
         self.force[nodes, :2], self._stretch[nodes], self.slips[nodes] = t, stretch, slips
-
-    @property
-    def wrench(self) -> Array:
-        """Force (N) and moment (N m) ON the pad about its undeformed centre, in its frame, (6,)."""
-        return wrench_about(self.solid.place, self.force)
 
     def _loaded(self) -> Indices:
         return np.flatnonzero(self.force.any(axis=1))

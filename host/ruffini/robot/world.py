@@ -31,7 +31,7 @@ class World:
     ----------
     model : an MJCF file or its text, or a mujoco.MjModel. The integrator must not be RK4.
     pads : name of each pad's site, or geom of type box, and its board's name. The site's z, or the box's, is out of the
-        pad, whose centre is the site's, or the middle of the box's upper face. A box that is a pad no longer collides.
+        pad, whose centre is the site's, or the middle of the box's upper face. A box that is a pad does not collide.
     stiffness : of the pads, over the board's.
     noise_m : standard deviation of the displacement along x, y, z.
     calibrations : of boards, by name; where left out, the default operator's.
@@ -44,9 +44,10 @@ class World:
 
     Notes
     -----
-    The pad's forces act as applied forces (`xfrc_applied`), equal and opposite on finger and object, and not as
-    MuJoCo's soft contact: that one's stiffness follows the bodies' masses, and its friction creeps. Force, moment, area
-    and stick and slip are the pad's own, and the frames are of exactly the forces that act.
+    The pad's forces act as applied forces, equal and opposite on finger and object, and not as MuJoCo's soft contact:
+    that one's stiffness follows the bodies' masses, and its friction creeps. They are in `data.xfrc_applied` within a
+    step only: between steps it holds what the program wrote, which acts beside them. Force, moment, area and stick and
+    slip are the pad's own, and the frames are of exactly the forces that act.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class World:
         noise_m: tuple[float, float, float] = NO_NOISE, seed: int = 0,
         calibrations: Mapping[str, bytes] | None = None, is_feeling: bool = True,
     ) -> None:  # fmt: skip
+        _check_settings(pads, stiffness, noise_m)
         self.model = _model_of(model)
         self.data = mujoco.MjData(self.model)
         solids: dict[str, PadSolid] = {}
@@ -67,7 +69,7 @@ class World:
             self.pads[name] = AttachedPad(name, solids[board.name], self.model, *_place_of(self.model, name))
         rates = {board.camera.rate_mhz for board in boards.values()}
         if len(rates) != 1:
-            raise InputError("the pads' cameras must have one rate: use boards of one kind, or a world without pads")
+            raise InputError("the pads' cameras must have one rate: use boards of one kind")
         self.frame_s = 1e3 / rates.pop()
         self._sensors: dict[str, CoreSensor] = {}
         if is_feeling:
@@ -79,7 +81,6 @@ class World:
                 name: CoreSensor(board, name, i, made[board.name], noise_m, seed)
                 for i, (name, board) in enumerate(boards.items())
             }
-        self._applied = np.zeros((self.model.nbody, 6))
         self._n_frames = 0
         self.is_started = False
 
@@ -97,7 +98,6 @@ class World:
     def reset(self, seed: int | None = None) -> None:
         """Back to the model's start; `start` again before the first step."""
         mujoco.mj_resetData(self.model, self.data)
-        self._applied[:] = 0.0
         self._n_frames, self.is_started = 0, False
         for pad in self.pads.values():
             pad.reset()
@@ -121,12 +121,13 @@ class World:
         if not self.is_started:
             self.start()
         mujoco.mj_step1(self.model, self.data)
-        self.data.xfrc_applied -= self._applied
-        self._applied[:] = 0.0
+        applied = np.zeros_like(self.data.xfrc_applied)
         for pad in self.pads.values():
-            pad.advance(self.data, self.model.opt.timestep, self._applied)
-        self.data.xfrc_applied += self._applied
+            pad.advance(self.data, self.model.opt.timestep, applied)
+        of_others = self.data.xfrc_applied.copy()
+        self.data.xfrc_applied += applied
         mujoco.mj_step2(self.model, self.data)
+        self.data.xfrc_applied[:] = of_others
 
     def step(self) -> dict[str, SensorFrame]:
         """Physics up to the next frame of the cameras; the frame of each pad, in fast mode."""
@@ -138,6 +139,15 @@ class World:
             name: sensor.feel(self.pads[name].contact.board_displacement(), self.data.time)
             for name, sensor in self._sensors.items()
         }
+
+
+def _check_settings(pads: Mapping[str, str | Board], stiffness: float, noise_m: tuple[float, float, float]) -> None:
+    if not pads:
+        raise InputError("the world has no pads: give at least one site or box of the model, with its board")
+    if not 0 < stiffness < np.inf:
+        raise InputError(f"stiffness {stiffness}: give a number above zero, 1 for the board's own")
+    if np.shape(noise_m) != (3,) or not all(0 <= one < np.inf for one in noise_m):
+        raise InputError(f"noise_m {noise_m}: give three standard deviations in metres, along x, y, z, none below zero")
 
 
 def _model_of(model: Any) -> Any:

@@ -144,6 +144,9 @@ class ContactSolver:
         self._is_patient = False
         self._guess, self._ended = 2 * self.hat_force - self._ended, self.hat_force.copy()  # a press goes on as it went
         self._after, self._target = after, self.displacement + rigid_step(self.indenter, before, after, place)
+        # A node sticks from where it touches: the way of an inclined face down to it is no slip along that face.
+        apart = np.maximum(self._shares.T @ (self._gap(before, place) - self.displacement[:, 2]), 0.0)
+        self._apart = np.where(self.hat_force.any(axis=1), 0.0, apart)
 
     def _touch(self, free: Array) -> bool:
         """Equilibrium with the linear picture of a pad, unloaded at `free` (n, 3); whether it was found."""
@@ -214,6 +217,7 @@ class ContactSolver:
         spread = sp.kron(shares, sp.identity(3), format="csr")
         c = np.asarray(spread.T @ (spread.T @ local).T).reshape(len(near), 3, len(near), 3)
         target = shares.T @ (self._target - free)[nodes]
+        target[:, 2] += self._apart[near]
         if self._body:
             c += self._body.compliance(near, pose, self._place)
             target -= self._body.displacement(near, pose, self._place)

@@ -7,16 +7,20 @@ from worlds import BOARD
 from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.estimators.operator.fit import make_operator
+from ruffini.estimators.operator.gauge import USUAL
 from ruffini.fem.operators import Noise
 
-NOISE = Noise((5e-6, 5e-6, 20e-6))
+WITHOUT_Z = "gelsight-mini"  # a board that does not measure it
 
 
 @pytest.fixture(scope="session")
 def calibrations():
-    board = find_board(BOARD)
-    kind = kept(make_operator, board, method="support", noise=NOISE, n_touches=0)
-    return {BOARD: container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}).data}
+    files = {}
+    for name in (BOARD, WITHOUT_Z):
+        board = find_board(name)
+        kind = kept(make_operator, board, method="support", noise=Noise(USUAL.sigma_m), n_touches=0)
+        files[name] = container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}).data
+    return files
 
 
 @pytest.fixture
@@ -27,8 +31,8 @@ def world(calibrations):
 
     opened = []
 
-    def make(xml, pads=("pad",), **options):
-        opened.append(World(xml, dict.fromkeys(pads, BOARD), calibrations=calibrations, **options))
+    def make(xml, pads=("pad",), board=BOARD, **options):
+        opened.append(World(xml, dict.fromkeys(pads, board), calibrations=calibrations, **options))
         return opened[-1]
 
     yield make

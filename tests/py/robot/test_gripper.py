@@ -11,16 +11,18 @@ pytest.importorskip("mujoco", reason="extra [robot]")
 pytest.importorskip("gymnasium", reason="extra [robot]")
 
 import gymnasium
+from gymnasium.utils.env_checker import check_env
+from PIL import Image
 
 from ruffini.errors import InputError
 from ruffini.robot import Gripper, Thing
 from ruffini.robot.environment import NAME
-from ruffini.robot.film import Film
+from ruffini.robot.film import FRAME_MS, Film
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "host" / "examples" / "robot"))
 
 
-def test_both_pads_carry_the_weight_and_a_weak_grip_drops_it(calibrations):
+def test_both_pads_carry_the_weight_and_a_weak_grip_drops_it(calibrations, tmp_path):
     thing = Thing(mass_kg=0.15, friction=0.6)
     with Gripper(BOARD, thing, calibrations=calibrations) as gripper:
         gripper.grip_n = 2.0
@@ -36,8 +38,17 @@ def test_both_pads_carry_the_weight_and_a_weak_grip_drops_it(calibrations):
             frames = gripper.step()
         assert gripper.slipped_m > 5e-3
         film = Film()
-        film.take(gripper, frames, "dropped")
-        assert len(film) == 1
+        film.take(gripper, frames, "dropping")
+        film.take(gripper, gripper.step(), "dropped")
+        assert len(film) == 2
+    film.write(tmp_path / "film.gif")
+    with Image.open(tmp_path / "film.gif") as kept:
+        assert (kept.format, kept.n_frames, kept.info["loop"]) == ("GIF", 2, 0)
+        assert kept.info["duration"] == FRAME_MS
+        first = np.asarray(kept.convert("RGB"))
+        assert len(np.unique(first.reshape(-1, 3), axis=0)) > 10  # scene and pads, no blank sheet
+        kept.seek(1)
+        assert (np.asarray(kept.convert("RGB")) != first).any()
 
 
 def test_an_empty_film_is_refused(tmp_path):
@@ -50,9 +61,71 @@ def test_the_example_lifts_what_it_is_not_told(calibrations, monkeypatch):
 
     monkeypatch.setattr("ruffini.robot.world.default_calibration", lambda board: calibrations[board.name])
     task = adaptive_grip.Task(Thing(mass_kg=0.2, friction=0.5), (0.0, 0.0, -0.5), 6.0)
-    result = adaptive_grip.run("slip margin", task, BOARD)
+    result = adaptive_grip.run("friction", task, BOARD)
     assert result.is_success
     assert 1.0 < result.grip_n / result.least_n < 1.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--board", "nosuch"], "no board 'nosuch'"),
+        (["--board", "gelsight-mini"], "does not measure force_z"),
+        (["--board", "eltac"], "does not measure force_x, force_y"),
+        (["--seeds", "0"], "give at least 1"),
+        (["--film", "nosuch/film.gif"], "a folder that exists"),
+        (["--film", "film.mp4"], "give a .gif"),
+    ],
+)
+def test_the_example_refuses_bad_arguments_with_one_sentence(arguments, said, capsys):
+    import adaptive_grip
+
+    with pytest.raises(SystemExit) as caught:
+        adaptive_grip.main(arguments)
+    assert caught.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("adaptive_grip: ")
+    assert said in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"kind": "pyramid"}, "choose one of box, cylinder, sphere"),
+        ({"kind": "box"}, "3 sizes above zero"),
+        ({"size_m": (0.02, -0.03)}, "2 sizes above zero"),
+        ({"mass_kg": 0.0}, "a mass above zero"),
+        ({"friction": -0.1}, "a friction coefficient"),
+    ],
+)
+def test_things_that_cannot_be_gripped(settings, said):
+    with pytest.raises(InputError, match=said):
+        Thing(**settings)
+
+
+def test_a_push_lasts_until_the_next():
+    with Gripper(BOARD, Thing(), is_feeling=False) as gripper:
+        gripper.push((0.1, 0.0, -0.2))
+        gripper.step()
+        gripper.push((0.0, 0.3, 0.0))
+        gripper.step()
+        np.testing.assert_array_equal(gripper.world.data.body("thing").xfrc_applied, [0, 0.3, 0, 0, 0, 0])
+
+
+def test_gymnasiums_own_check_passes(calibrations):
+    with gymnasium.make(NAME, board=BOARD, calibrations=calibrations) as env:
+        check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_the_environment_refuses_actions_without_a_grip(calibrations):
+    env = gymnasium.make(NAME, board=BOARD, calibrations=calibrations).unwrapped
+    with pytest.raises(InputError, match="call reset"):
+        env.step(np.array([1.0], np.float32))
+    for action in ([np.nan], [1.0, 2.0]):
+        with pytest.raises(InputError, match="one finite number"):
+            env.step(np.array(action, np.float32))
 
 
 def test_the_environment_keeps_gymnasiums_rules(calibrations):

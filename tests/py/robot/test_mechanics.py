@@ -67,6 +67,20 @@ def test_force_shear_and_surface_are_the_twins(solid, name):
     assert np.sqrt(np.mean((moved - surface) ** 2)) < tolerance * DEPTHS_MM[-1] * 1e-3
 
 
+def test_pressure_is_found_where_the_active_set_does_not_settle(solid, monkeypatch):
+    """One round never does for a ball that touches as a whole at first."""
+    n = len(solid.place)
+    depth = 0.5e-3 - Indenter("sphere", 6e-3).height(solid.place[:, 0], solid.place[:, 1])
+    found = []
+    for rounds in (30, 1):
+        monkeypatch.setattr("ruffini.robot.mechanics.MAX_ROUNDS", rounds)
+        contact = PadContact(solid)
+        contact.advance(depth, np.zeros((n, 2)), np.full(n, FRICTION), np.zeros((n, 3)))
+        found.append(contact.force)
+    assert (found[0][depth > 0, 2] == 0).any()
+    np.testing.assert_allclose(found[1], found[0], atol=1e-9)
+
+
 def test_pressure_pushes_and_friction_is_within_its_cone(solid):
     rng = np.random.default_rng(3)
     contact, n = PadContact(solid), len(solid.place)

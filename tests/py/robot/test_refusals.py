@@ -5,6 +5,8 @@ from worlds import BOARD, lying
 
 pytest.importorskip("mujoco", reason="extra [robot]")
 
+from ruffini.boards import find_board
+from ruffini.calibrate import container
 from ruffini.errors import InputError
 from ruffini.robot import World
 
@@ -66,6 +68,43 @@ def test_an_integrator_that_takes_no_forces():
 def test_boards_without_a_flat_pad(board, kind):
     assert f"board {board!r} is a " in refusal(lying(BALL, above_m=0.0151), board)
     assert kind in refusal(lying(BALL, above_m=0.0151), board)
+
+
+HEIGHT_FIELD = """<mujoco><asset><hfield name="hill" nrow="2" ncol="2" size=".1 .1 .01 .01"/></asset><worldbody>
+<geom name="ground" type="hfield" hfield="hill" pos="0 0 -.1" {}/>
+<body name="finger"><joint type="slide"/><geom type="box" size=".01 .008 .01" pos="0 0 -.015"/><site name="pad"/></body>
+</worldbody></mujoco>"""
+
+
+def test_a_height_field_that_may_touch():
+    said = refusal(HEIGHT_FIELD.format(""))
+    assert "pad 'pad' cannot touch geom 'ground'" in said
+    assert "a mesh or a primitive shape" in said
+    with World(HEIGHT_FIELD.format('contype="0" conaffinity="0"'), {"pad": BOARD}, is_feeling=False):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"pads": {}}, "has no pads"),
+        ({"stiffness": 0.0}, "above zero"),
+        ({"stiffness": float("nan")}, "above zero"),
+        ({"noise_m": (1e-6, 1e-6)}, "three standard deviations"),
+        ({"noise_m": (1e-6, 1e-6, -1e-6)}, "none below zero"),
+    ],
+)
+def test_settings_without_sense(options, said):
+    with pytest.raises(InputError, match=said):
+        World(lying(BALL, above_m=0.0151), **{"pads": {"pad": BOARD}, "is_feeling": False, **options})
+
+
+def test_a_board_whose_core_makes_no_forces_of_displacements_is_refused_before_the_first_step():
+    with pytest.raises(InputError, match="'contact-glitter' makes its forces from pictures"):
+        World(lying(BALL, above_m=0.0151), {"pad": "contact-glitter"})
+    empty = container.pack({}, container.base_metadata(find_board(BOARD))).data
+    with pytest.raises(InputError, match=r"no wrench, contacts, slip of displacements: give pad 'pad' a calibration"):
+        World(lying(BALL, above_m=0.0151), {"pad": BOARD}, calibrations={BOARD: empty})
 
 
 def test_names_and_files():

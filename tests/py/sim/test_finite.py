@@ -145,6 +145,19 @@ def test_a_deep_press_takes_more_force_than_the_linear_pad_says(pressed):
     assert 1.0 < ratio[0] < 1.4
 
 
+def test_shear_under_a_straight_press_does_not_hang_on_the_increments(mesh, monkeypatch):
+    """A point that touches within an increment has not slipped along the ball's side by the way before."""
+    found = []
+    for step_m in (0.3 * MM, 0.05 * MM):
+        monkeypatch.setattr("ruffini.sim.contact.MAX_STEP_M", step_m)
+        solver = ContactSolver(MODEL, FiniteResponse(mesh), Indenter("sphere", 3 * MM), 0.7)
+        solver.advance(Pose(0, 0, 0.6 * MM))
+        found.append((solver.nodal_force[:, :2], solver.displacement[:, :2]))
+    (coarse_force, coarse), (fine_force, fine) = found
+    assert np.linalg.norm(coarse_force - fine_force) < 0.2 * np.linalg.norm(fine_force)
+    assert np.linalg.norm(coarse - fine) < 0.08 * np.linalg.norm(fine)
+
+
 def test_a_slippery_ball_pushes_towards_its_middle(mesh):
     """Without friction every force lies along the ball's radius where it touches, and the sides push outwards."""
     solver = ContactSolver(MODEL, FiniteResponse(mesh), Indenter("sphere", 3 * MM), 1e-9)

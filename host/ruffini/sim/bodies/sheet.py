@@ -27,7 +27,7 @@ TOLERANCE = 1e-6  # of unbalanced force, of the tool's force
 MAX_MOVE_M = 1e-3  # of a control point in one round
 LEAST_FORCE_N = 1e-3
 NEAR = 0.03  # of unbalanced force, of the tool's force: so near, the last step's tangent will do
-CONTRACTION = 0.1  # of the unbalanced force in a round: else the tangent is made and factorised anew
+CONTRACTION = 0.1  # of the unbalanced force in a round: else the tangent is rebuilt and refactorised
 HALVINGS = 4  # of a step that finds no balance
 
 
