@@ -119,8 +119,11 @@ ruffini::Result<std::unique_ptr<ruffini::Camera>> open_one(const std::string& ca
   const bool is_lockstep = arguments.daemon.is_lockstep;
   if (camera.rfind("libcamera:", 0) == 0) return ruffini::open_libcamera(camera.substr(10), board);
   if (camera.rfind("v4l2:", 0) == 0) return ruffini::open_v4l2(camera.substr(5), board);
-  for (const std::string_view scheme : {"twin:", "frames:"}) {
-    if (camera.starts_with(scheme)) return ruffini::open_twin(camera.substr(scheme.size()), is_lockstep, board, clock);
+  if (camera.starts_with("twin:")) {
+    return ruffini::open_twin(ruffini::FrameSender::kTwin, camera.substr(5), is_lockstep, board, clock);
+  }
+  if (camera.starts_with("frames:")) {
+    return ruffini::open_twin(ruffini::FrameSender::kRecording, camera.substr(7), is_lockstep, board, clock);
   }
   if (camera.rfind("replay:", 0) == 0) {
     return ruffini::open_replay({camera.substr(7), is_lockstep, arguments.is_loop}, board, clock);

@@ -29,9 +29,9 @@ class BoardReader {
     if (table_ == nullptr) fail(section_ + " must be a section [" + section_ + "]", root_.get(name));
   }
 
-  // As section(); inserts `set_default` if the section is absent.
-  void section_or(const char* name, toml::table set_default) {
-    if (!has_section(name)) root_.insert(name, std::move(set_default));
+  // As section(); inserts `otherwise` if the section is absent.
+  void section_or(const char* name, toml::table otherwise) {
+    if (!has_section(name)) root_.insert(name, std::move(otherwise));
     section(name);
   }
 

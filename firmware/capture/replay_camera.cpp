@@ -106,7 +106,12 @@ struct RecordingInfo {
 Result<RecordingInfo> read_info(const fs::path& folder, const BoardSettings& board) {
   RecordingInfo info;
   const fs::path path = folder / "recording.toml";
-  if (!fs::is_regular_file(path)) return info;
+  std::error_code failed;
+  const fs::file_type type = fs::status(path, failed).type();  // fails for a link that leads in a circle
+  if (type == fs::file_type::not_found) return info;
+  if (type != fs::file_type::regular) {
+    return Error{ErrorKind::kUnavailable, path.string() + ": is not a file that can be read: remove or replace it"};
+  }
   std::ifstream stream(path, std::ios::binary);
   if (!stream) return Error{ErrorKind::kUnavailable, path.string() + ": cannot be read: check its permissions"};
   const std::string text(std::istreambuf_iterator<char>(stream), {});

@@ -30,6 +30,8 @@ constexpr std::array kRecording{'R', 'F', 'R', 'C'};
 constexpr std::array kSimulatedRecording{'R', 'F', 'R', 'S'};
 constexpr uint32_t kMaxNameBytes = 256;
 constexpr uint64_t kMicrosecondsMillihertz = 1'000'000'000;  // a period at 1 mHz
+constexpr uint32_t kMinRateMhz = 100;                        // as board.toml's
+constexpr uint32_t kMaxRateMhz = 1'000'000;
 
 static_assert(std::endian::native == std::endian::little, "the socket's numbers are read as they are");
 
@@ -48,6 +50,18 @@ struct FrameHeader {
   uint64_t number;
 };
 static_assert(sizeof(Greeting) == 24 && sizeof(FrameHeader) == 16, "as sent, without padding");
+
+// Words of the messages about a sender.
+struct SenderWords {
+  const char* scheme;
+  const char* name;
+  const char* command;  // that starts it
+};
+
+SenderWords words_of(FrameSender sender) {
+  return sender == FrameSender::kTwin ? SenderWords{"twin:", "twin", "`ruffini sim serve`"}
+                                      : SenderWords{"frames:", "recording", "`ruffini live`"};
+}
 
 enum class ReadStatus { kDone, kNothing, kBroken };
 
@@ -75,9 +89,10 @@ std::span<uint8_t> bytes_of(T& value) {
 
 class TwinCamera : public Camera {
  public:
-  TwinCamera(UniqueFd socket, std::string path, bool is_simulated, bool is_replay, bool is_lockstep, uint64_t rate_mhz,
-             const Clock& clock)
-      : socket_(std::move(socket)),
+  TwinCamera(FrameSender sender, UniqueFd socket, std::string path, bool is_simulated, bool is_replay, bool is_lockstep,
+             uint64_t rate_mhz, const Clock& clock)
+      : words_(words_of(sender)),
+        socket_(std::move(socket)),
         path_(std::move(path)),
         is_simulated_(is_simulated),
         is_replay_(is_replay),
@@ -132,10 +147,11 @@ class TwinCamera : public Camera {
   }
 
   CaptureStatus lose(const char* what) {
-    problem_ = path_ + ": the twin " + what + ": start `ruffini sim serve` again, then this";
+    problem_ = path_ + ": the " + words_.name + " " + what + ": start " + words_.command + " again, then this";
     return CaptureStatus::kEnd;
   }
 
+  SenderWords words_;
   UniqueFd socket_;
   std::string path_;
   std::string problem_;
@@ -149,11 +165,12 @@ class TwinCamera : public Camera {
   uint64_t asked_us_ = 0;   // end of the last call
 };
 
-Result<UniqueFd> connect_to(const std::string& path) {
+Result<UniqueFd> connect_to(const std::string& path, const SenderWords& words) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.empty() || path.size() >= sizeof(address.sun_path)) {
-    return Error{ErrorKind::kBadInput, "--camera twin:" + path + ": give the path of the twin's socket, at most " +
+    return Error{ErrorKind::kBadInput, std::string("--camera ") + words.scheme + path + ": give the path of the " +
+                                           words.name + "'s socket, at most " +
                                            std::to_string(sizeof(address.sun_path) - 1) + " characters"};
   }
   std::memcpy(address.sun_path, path.data(), path.size());
@@ -165,8 +182,8 @@ Result<UniqueFd> connect_to(const std::string& path) {
       return socket;
     }
     if (SteadyClock::now() > deadline) {
-      return Error{ErrorKind::kUnavailable, path + ": no twin answers (" + std::strerror(errno) +
-                                                "): start `ruffini sim serve --socket " + path + "` first"};
+      return Error{ErrorKind::kUnavailable, path + ": no " + words.name + " answers (" + std::strerror(errno) +
+                                                "): start " + words.command + " first, which serves this socket"};
     }
     std::this_thread::sleep_for(20ms);
   }
@@ -174,38 +191,40 @@ Result<UniqueFd> connect_to(const std::string& path) {
 
 }  // namespace
 
-Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool is_lockstep, const BoardSettings& board,
-                                          const Clock& clock) {
-  auto socket = connect_to(socket_path);
+Result<std::unique_ptr<Camera>> open_twin(FrameSender sender, const std::string& socket_path, bool is_lockstep,
+                                          const BoardSettings& board, const Clock& clock) {
+  const SenderWords words = words_of(sender);
+  auto socket = connect_to(socket_path, words);
   if (!socket) return socket.error();
   const int fd = socket.value().get();
-  const Error no_twin{ErrorKind::kBadInput, socket_path +
-                                                ": what answers there is not a twin of this version: start "
-                                                "`ruffini sim serve` of the same release"};
+  const Error no_sender{ErrorKind::kBadInput, socket_path + ": what answers there is not a " + words.name +
+                                                  " of this version: start " + words.command + " of the same release"};
   Greeting greeting;
-  if (read_all(fd, bytes_of(greeting), true) != ReadStatus::kDone) return no_twin;
+  if (read_all(fd, bytes_of(greeting), true) != ReadStatus::kDone) return no_sender;
   const bool is_simulated = greeting.magic != kRecording;
   const bool is_replay = greeting.magic != kTwin;
   if ((is_replay && is_simulated && greeting.magic != kSimulatedRecording) || greeting.version != kVersion ||
-      greeting.n_name > kMaxNameBytes) {
-    return no_twin;
+      greeting.n_name > kMaxNameBytes ||
+      (is_replay && (greeting.rate_mhz < kMinRateMhz || greeting.rate_mhz > kMaxRateMhz))) {
+    return no_sender;
   }
   std::string name(greeting.n_name, '\0');
-  if (read_all(fd, {reinterpret_cast<uint8_t*>(name.data()), name.size()}, true) != ReadStatus::kDone) return no_twin;
+  if (read_all(fd, {reinterpret_cast<uint8_t*>(name.data()), name.size()}, true) != ReadStatus::kDone) return no_sender;
   if (name != board.name) {
-    return Error{ErrorKind::kBadInput, socket_path + ": twin of board \"" + name + "\", this is \"" + board.name +
-                                           "\": choose the board that fits"};
+    return Error{ErrorKind::kBadInput, socket_path + ": " + words.name + " of board \"" + name + "\", this is \"" +
+                                           board.name + "\": choose the board that fits"};
   }
   if (greeting.width_px != static_cast<uint32_t>(board.camera.width_px) ||
       greeting.height_px != static_cast<uint32_t>(board.camera.height_px)) {
-    return Error{ErrorKind::kBadInput, socket_path + ": the twin's frames are " + std::to_string(greeting.width_px) +
-                                           "x" + std::to_string(greeting.height_px) + ", board \"" + board.name +
-                                           "\" needs " + std::to_string(board.camera.width_px) + "x" +
-                                           std::to_string(board.camera.height_px)};
+    return Error{ErrorKind::kBadInput,
+                 socket_path + ": the " + words.name + "'s frames are " + std::to_string(greeting.width_px) + "x" +
+                     std::to_string(greeting.height_px) + ", board \"" + board.name + "\" needs " +
+                     std::to_string(board.camera.width_px) + "x" + std::to_string(board.camera.height_px)};
   }
-  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), socket_path, is_simulated,
-                                                              is_replay, is_lockstep,
-                                                              static_cast<uint64_t>(board.camera.rate_mhz), clock));
+  // A twin's frames may alternate at twice its own rate, which `board` has then.
+  const uint64_t rate_mhz = is_replay ? greeting.rate_mhz : static_cast<uint64_t>(board.camera.rate_mhz);
+  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(sender, std::move(socket).value(), socket_path,
+                                                              is_simulated, is_replay, is_lockstep, rate_mhz, clock));
 }
 
 }  // namespace ruffini

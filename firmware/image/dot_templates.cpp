@@ -38,7 +38,7 @@ DotTemplates::DotTemplates(const BoardSettings& board)
     : width_px_(board.camera.width_px), height_px_(board.camera.height_px) {
   const int64_t radius_q16 =
       floor_div(board.markers.diameter_um * board.camera.focal_mpx * 32'768, board.camera.standoff_um * 1'000);
-  // Half a pixel more, rounded to the nearest whole number
+  // 1.5 px more, rounded to the nearest whole number
   radius_px_ = static_cast<int>((radius_q16 + 2 * 65'536) >> 16);
   if (radius_px_ > kMaxRadiusPx) radius_px_ = 0;
   for (int y = -radius_px_; y <= radius_px_ && radius_px_ > 0; ++y) {

@@ -58,7 +58,7 @@ class MessageEncoder {
   static constexpr size_t kMaxParts = 4;                  // dense parts of one message
   std::array<std::vector<uint8_t>, kMaxParts> dense_;     // their packed bytes
   std::array<std::span<const uint8_t>, kMaxParts> span_;  // source of the nanopb callbacks
-  std::vector<uint8_t> payload_;                          // serialize_message message
+  std::vector<uint8_t> payload_;                          // serialized message
   std::vector<uint8_t> frames_;                           // its frames
 };
 

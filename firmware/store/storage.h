@@ -1,4 +1,4 @@
-// The medium below the calibration store: one folder of plain files, with operations whose effect of a power cut is
+// The medium below the calibration store: one folder of plain files, with operations whose result after a power cut is
 // defined.
 //
 //   write, create   before sync() the content is undefined: any part of it may be stored, or other bytes

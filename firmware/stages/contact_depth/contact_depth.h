@@ -5,7 +5,7 @@
 //   inputs  per patch: a, a smoothed by (1 2 1) both ways twice and eight times, the largest a, all divided by the
 //                      profile's size (Q10); fall of the density over that size (Q16 over Q4, Q8); distance from the
 //                      contact's centre, um; then the inputs of the contact model for the whole frame
-//   depth   perceptron `contact_depth.net` of these, over the profile's size, Q12; positive where the gel bulges
+//   depth   perceptron `contact_depth.net` of these, over the profile's size, Q12; negative where the gel bulges
 //   map     cells of the image, `step_px` wide: a cell sees the position P = (p - c) H / f of the undeformed pad; the
 //                      material there was at X = P - d(X), d the flow (two rounds), and has the depth at X, bilinear
 //

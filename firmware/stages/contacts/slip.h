@@ -1,6 +1,6 @@
 // Stick and slip of every node, and how close each contact is to sliding. Not in the papers.
 //
-// Two independent indicators, both from the change between consecutive frames:
+// Two independent indicators, evaluated in every frame:
 //   kinematic  Sticking nodes move with the indenter as one body. Its motion is that of the contact's centre, which
 //              slips last: least squares over the nodes held since the last frame, with weight depth^4 (steps to the
 //              rim). A node more than kSlackUm off that motion slips, and its anchor is dragged along (a friction

@@ -213,6 +213,12 @@ TEST_F(ReplayCameraTest, ARecordingThatCannotBeUnderstoodIsRefused) {
   }
 }
 
+TEST_F(ReplayCameraTest, ARecordingTomlThatCannotBeOpenedIsNamed) {
+  picture("a.png", 10);
+  fs::create_symlink("recording.toml", folder_ / "recording.toml");  // leads to itself
+  expect_refused(ErrorKind::kUnavailable, "recording.toml: is not a file that can be read");
+}
+
 TEST_F(ReplayCameraTest, FramesComeAtTheRecordingsPaceUnlessInLockstep) {
   for (const char* name : {"a.png", "b.png", "c.png", "d.png"}) picture(name, 10);
   write("recording.toml", "rate_mhz = 100");  // one frame in ten seconds
