@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 CONTACT_STIFFNESS = 50.0  # MPa/mm: 0.1 MPa of pressure goes 2 um into the indenter
 STICK_STIFFNESS = 25.0  # MPa/mm: shear traction over the way that a sticking point gives
 SMALLEST_INCREMENT = 1e-4  # of a step
+ROUNDING = 1e-6  # of the number of halvings of a step
 # Share of the contact's points that may come and go in a settled iteration; the others are the solver's defaults.
 SETTLED_CONTACT = "0.01, 0.1, 100, 60"
 
@@ -89,7 +90,8 @@ def write_deck(
     for place in path:
         moved = place.of(indenter.nodes) - start
         way = float(np.linalg.norm(moved + start - before, axis=1).max())
-        first, most = (0.5, 1.0) if increment is None else (0.5 ** max(0, math.ceil(math.log2(way / increment))),) * 2
+        halvings = 0 if increment is None else max(0, math.ceil(math.log2(way / increment) - ROUNDING))
+        first, most = (0.5, 1.0) if increment is None else (0.5**halvings,) * 2
         before = moved + start
         lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", f"{first:.17g}, 1., {SMALLEST_INCREMENT}, {most:.17g}"]
         lines += ["*CONTROLS, PARAMETERS=CONTACT", SETTLED_CONTACT, "*BOUNDARY"]

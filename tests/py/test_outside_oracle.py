@@ -23,7 +23,7 @@ from ruffini.fem.operators import Noise
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 import run
 from compare import kept_states, solve_press
-from deck import Pad, Place, write_deck
+from deck import SETTLED_CONTACT, Pad, Place, write_deck
 from mesh import HALF_STEPS, PadMesh, graded, punch, sheet
 from presses import PRESSES
 from results import POINTS, Printed, Surface, brick_gradients, face_shapes, read_dat, surface_forces
@@ -138,7 +138,7 @@ def test_a_punch_is_a_disc_with_a_flank_and_faces_the_pad() -> None:
 def test_increments_of_a_step_are_short_enough_and_end_where_it_ends() -> None:
     line = np.linspace(-2, 2, 3)
     mesh, plate = PadMesh(line, line, np.array([-2.0, -1.0, 0.0])), sheet(lambda x, y: 0 * x, 2.5, 2.5, 1.25)
-    path = [Place(0, 0, 0.3), Place(0, 0, 0.7), Place(0.03, 0, 0.7)]
+    path = [Place(0, 0, 0.32), Place(0, 0, 0.72), Place(0.03, 0, 0.72)]
     lines = write_deck(Pad(4, 4, 2, 0.2, 0.48), mesh, plate, path, 0.7, 0.04).splitlines()
     steps = [lines[i + 1].split(",") for i, line in enumerate(lines) if line == "*STATIC"]
     assert [(float(first), float(most)) for first, _, _, most in steps] == [(1 / 8, 1 / 8), (1 / 16, 1 / 16), (1, 1)]
@@ -230,6 +230,24 @@ def test_the_program_solves_the_kept_press_again(tmp_path: Path) -> None:
     for again, before in zip(read_dat(solved(deck, tmp_path)), read_dat(solved(deck, KEPT)), strict=True):
         np.testing.assert_allclose(again.displacement, before.displacement, atol=1e-4)  # mm; it chatters
         np.testing.assert_allclose(again.on_indenter, before.on_indenter, rtol=1e-3, atol=1e-4)
+
+
+@NEEDS_CCX
+@pytest.mark.parametrize(("contact", "dragged_um"), [("SURFACE TO SURFACE", (25, 40)), ("MORTAR", (0, 0.1))])
+def test_the_solvers_friction_counts_the_way_before_a_touch_unless_it_is_mortar(
+    contact: str, dragged_um: tuple[float, float], tmp_path: Path
+) -> None:
+    """A plate goes 50 um aside while it is 0.1 mm above the pad, then straight down: nothing drags the pad aside."""
+    line = np.linspace(-2, 2, 3)
+    mesh, plate = PadMesh(line, line, np.array([-2.0, -1.0, 0.0])), sheet(lambda x, y: 0 * x, 2.5, 2.5, 1.25)
+    path = [Place(0, 0, -0.1), Place(0.05, 0, -0.1), Place(0.05, 0, 0.01)]
+    deck = write_deck(Pad(4, 4, 2, 0.2, 0.48), mesh, plate, path, 0.7, 0.2)
+    settled = f"*CONTROLS, PARAMETERS=CONTACT\n{SETTLED_CONTACT}\n"
+    deck = deck.replace("TYPE=SURFACE TO SURFACE", f"TYPE={contact}").replace(settled, "")
+    printed = read_dat(solved(deck, tmp_path))[-1]
+    low, high = dragged_um
+    assert low <= 1e3 * abs(printed.displacement[np.isin(printed.nodes, mesh.top), 0].mean()) < high
+    assert printed.on_base[2] > 0.02
 
 
 @NEEDS_CCX
