@@ -112,6 +112,7 @@ struct SkinFrame {
   SkinTouchList touches;
   bool is_dark = false;
   bool is_light_off = false;
+  bool has_moved = false;            // the camera against the skin
   int64_t light_q12 = 0;             // of all taxels, relative to rest, minus 1
   int64_t age_q12 = 0;               // light at rest relative to the calibration; 0: unknown
   std::span<const int32_t> ratio{};  // per taxel; empty without taxels

@@ -97,7 +97,8 @@ void Taxels::run(std::span<const int16_t> glow) {
   }
   stray_q6_ = 0;
   for (size_t i = n_taxels_; i < sum_.size(); ++i) {
-    stray_q6_ = std::max(stray_q6_, floor_div(int64_t{16} * sum_[i], n_pixels_[i]));
+    const int64_t stray = floor_div(int64_t{16} * sum_[i], n_pixels_[i]);
+    stray_q6_ = std::max({stray_q6_, stray, -stray});
   }
 }
 

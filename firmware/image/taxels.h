@@ -3,7 +3,8 @@
 //   change  = 2^12 sum of glow / sum of base over the taxel's pixels, floor; clamped to +-2^15
 //   light   = median of all changes: warming or ageing panels; touches light up less than half of the skin
 //   ratio   = 2^12 (change - light) / (2^12 + light), floor
-//   stray   = mean glow of each patch of the black surroundings: outside light; 1/64 levels, floor
+//   stray   = mean glow of each patch of the black surroundings, without sign: outside light, or a lower black level; 1/64
+//             levels, floor
 //
 // The calibration (kind `skin`) lists the pixels of taxels and patches as runs (first pixel, length, number); patches
 // are numbered after the taxels. Not in the paper. Frame thread; no allocation after load().
@@ -33,7 +34,7 @@ class Taxels {
 
   [[nodiscard]] std::span<const int32_t> ratio() const { return ratio_; }
   [[nodiscard]] int64_t light_q12() const { return light_q12_; }
-  // Stray light of the brightest patch.
+  // Largest stray of a patch.
   [[nodiscard]] int64_t stray_q6() const { return stray_q6_; }
   // Number of taxels darker than half of the others' light: a panel is off, or something is on the lens.
   [[nodiscard]] int n_dark() const { return n_dark_; }

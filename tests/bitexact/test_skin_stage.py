@@ -43,7 +43,12 @@ def openings() -> npt.NDArray[np.int64]:
 
 
 def runs() -> npt.NDArray[np.int32]:
-    flat, rows = openings().ravel(), []
+    return runs_of(openings())
+
+
+def runs_of(number: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+    """Runs of pixels with the same number, row by row; none where it is -1."""
+    flat, rows = number.ravel(), []
     starts = np.flatnonzero(np.append(True, flat[1:] != flat[:-1]))
     for start, end in zip(starts, np.append(starts[1:], flat.size), strict=True):
         if flat[start] >= 0:
@@ -217,6 +222,20 @@ def test_covered_dead_and_lit_from_outside_is_flagged_at_once_and_good_frames_ar
             assert frame.flags & flag
             assert frame.force_z_validity == INVALID
             assert core.process(picture(rng, [(3.0, 2.0, 1.0)])).flags == 0
+
+
+def test_a_black_level_that_fell_is_flagged() -> None:
+    text = skin_text()
+    board, rng = read_board(text), np.random.default_rng(9)
+
+    def above(black: int) -> Picture:
+        return np.clip(picture(rng, []).astype(int) + black, 0, 255).astype(np.uint8)
+
+    with Pipeline(parse_board(text.encode(), "small"), calibration(board, text, rng).data) as core:
+        for _ in range(N_REST):
+            core.process(above(4))
+        assert core.process(above(4)).flags == 0
+        assert core.process(above(3)).flags & LIGHT
 
 
 def test_a_table_without_its_parts_is_refused() -> None:

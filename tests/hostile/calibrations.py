@@ -6,7 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ruffini.boards import find_board
+from ruffini.boards import Board, find_board
+from ruffini.calibrate import container
+from ruffini.demo.calibration import calibrated
+from ruffini.demo.main_job import DEMO_ERROR
+from ruffini.sim.rig import Unit
+from ruffini.sim.unit import PadError, TwinUnit
+from ruffini.sim.units import build_unit
 
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "build" / "hostile"
@@ -14,14 +20,16 @@ FILE = "calibration.safetensors"
 
 
 def calibration(name: str) -> bytes:
-    """That of the main job, or of `ruffini cal auto --rig sim --quick`."""
+    """That of the main job; of a skin the demo's, as `cal auto` takes up to an hour; else `cal auto --quick`'s."""
     path = KEPT / name / FILE
     if not path.exists():
         print(f"  {name}: no calibration yet: making {path}", file=sys.stderr)
         path.parent.mkdir(parents=True, exist_ok=True)
-        stages = find_board(name).pipeline.stages
-        if "support" in stages:
-            _of_the_main_job(name, path)
+        board = find_board(name)
+        if "support" in board.pipeline.stages:
+            _of_the_demo(board, TwinUnit.build(board, PadError(**DEMO_ERROR)), path)
+        elif board.skin is not None:
+            _of_the_demo(board, build_unit(board), path)
         else:
             verb = "import sys; from ruffini.cli import main; sys.exit(main())"
             options = ["--board", name, "--rig", "sim", "--quick", "--force", "--out", str(path.parent)]
@@ -30,13 +38,6 @@ def calibration(name: str) -> bytes:
     return path.read_bytes()
 
 
-def _of_the_main_job(name: str, path: Path) -> None:
-    """As `ruffini demo` makes it, of the same simulated unit."""
-    from ruffini.calibrate import container
-    from ruffini.demo.calibration import calibrated
-    from ruffini.demo.main_job import DEMO_ERROR
-    from ruffini.sim.unit import PadError, TwinUnit
-
-    board = find_board(name)
-    file, _ = calibrated(board, TwinUnit.build(board, PadError(**DEMO_ERROR)), path.parent)
+def _of_the_demo(board: Board, unit: Unit, path: Path) -> None:
+    file, _ = calibrated(board, unit, path.parent)
     container.write(path, file)

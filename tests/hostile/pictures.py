@@ -53,6 +53,7 @@ class Press(NamedTuple):
     reach_m: tuple[float, float] = (4e-3, 3e-3)
     middle_m: tuple[float, float] = (0.0, 0.0)
     shear_m: float = 0.3e-3
+    capture_s: float | None = None  # of every frame: no time passes, and nothing relaxes; None: the board's rate
 
 
 BOARDS = {
@@ -60,7 +61,7 @@ BOARDS = {
     "ftouch": Press(4, (3e-3, 6e-3), (0.3e-3, 0.9e-3)),
     "contact-glitter": Press(4, (4e-3, 9e-3), (0.6e-3, 1.8e-3)),
     "stereo-fingertip": Press(4, (4e-3, 9e-3), (0.4e-3, 1.2e-3)),
-    "eltac": Press(3, (8e-3, 15e-3), (1.2e-3, 2.4e-3), (2e-3, 4e-3), (-36e-3, 5e-3), 0.0),
+    "eltac": Press(3, (8e-3, 15e-3), (1.2e-3, 2.4e-3), (2e-3, 4e-3), (-36e-3, 5e-3), 0.0, 0.0),
 }
 # How often each kind of fault is tried on a board: gelslim measures most, and has all of the frame path's stages.
 CASES = {"gelslim": 15}
@@ -249,13 +250,17 @@ def board_rows(name: str, press: Press, seed: int, quick: bool) -> Iterator[Row]
     rest = next(source)
     with Pipeline(unit.board, file) as pipeline:
         pipeline.set_live()
+
+        def show(picture: Picture) -> Frame:
+            return pipeline.process(picture, press.capture_s)
+
         for _ in range(unit.board.pipeline.n_rest_frames + N_GOOD):
-            pipeline.process(rest.frame())
+            show(rest.frame())
         pressed: list[State] = []
         n_tries = 0
         while len(pressed) < (2 if quick else press.n_states) and n_tries < MOST_TRIES * press.n_states:
             state, n_tries = next(source), n_tries + 1
-            if _is_right(pipeline, rest, state):
+            if _is_right(show, rest, state):
                 pressed.append(state)
         if not pressed:
             yield Row(f"{name}", 1, 0, 1, note="no pressed state whose good frames are right")
@@ -269,46 +274,46 @@ def board_rows(name: str, press: Press, seed: int, quick: bool) -> Iterator[Row]
                 label, case = draw(rng)
                 now = rest if i % 2 else pressed[int(rng.integers(len(pressed)))]
                 before = pressed[int(rng.integers(len(pressed)))] if i % 2 else rest
-                _sequence(pipeline, rest, now, before, label, case, kind.startswith("old"), rng, tally)
+                _sequence(show, rest, now, before, label, case, kind.startswith("old"), rng, tally)
             note = f"{len(pressed)} states; " + "; ".join(tally.notes[:3])
             yield Row(f"{name} {kind}", tally.tried, tally.tried - tally.wrong, tally.wrong, tally.worst_n, note)
 
 
-def _is_right(pipeline: Pipeline, rest: State, state: State) -> bool:
+def _is_right(show: Show, rest: State, state: State) -> bool:
     """Whether good frames of a state are well within the limit, without a flag."""
-    good = [pipeline.process(state.frame()) for _ in range(N_GOOD)]
+    good = [show(state.frame()) for _ in range(N_GOOD)]
     is_right = all(
         not f.flags & ~UNCALIBRATED
         and (np.abs(f.wrench[:3] - state.force_n) * (np.array(f.wrench_validity[:3]) == VALID)).max()
         < state.limit_n / 2
         for f in good
     )
-    _go_back(pipeline, rest)
+    _go_back(show, rest)
     return is_right
 
 
-def _go_back(pipeline: Pipeline, rest: State) -> None:
+def _go_back(show: Show, rest: State) -> None:
     """Good untouched frames until none is flagged."""
     for i in range(MOST_BETWEEN):
-        if not pipeline.process(rest.frame()).flags & ~UNCALIBRATED and i >= N_GOOD:
+        if not show(rest.frame()).flags & ~UNCALIBRATED and i >= N_GOOD:
             break
 
 
 def _sequence(
-    pipeline: Pipeline, rest: State, now: State, before: State, label: str, case: Case, is_of_old: bool,
+    show: Show, rest: State, now: State, before: State, label: str, case: Case, is_of_old: bool,
     rng: np.random.Generator, tally: Tally,
 ) -> None:  # fmt: skip
     """One sequence: `before`, where old pictures come from, and `now`, by which frames are judged."""
     old = [(before if is_of_old else now).frame() for _ in range(N_OLD)]
     for picture in old:
-        pipeline.process(picture)
+        show(picture)
     if is_of_old:
-        pipeline.process(now.frame())
-    worst = max(wrong_by(pipeline.process(picture), now) for picture in case(now, old, rng))
+        show(now.frame())
+    worst = max(wrong_by(show(picture), now) for picture in case(now, old, rng))
     tally.tried += 1
     if worst:
         tally.wrong += 1
         tally.worst_n = max(tally.worst_n, worst)
         state = "untouched" if now is rest else f"{np.round(now.force_n, 2).tolist()} N"
         tally.notes.append(f"{label} on {state}: {worst:.2f} N")
-    _go_back(pipeline, rest)
+    _go_back(show, rest)

@@ -21,6 +21,7 @@ Result<Skin> Skin::load(const BoardSettings& board, const Calibration* calibrati
   if (!touches) return touches.error();
   skin.taxels_.emplace(std::move(taxels).value());
   skin.touches_.emplace(std::move(touches).value());
+  skin.edges_.emplace(board.camera);
   return skin;
 }
 
@@ -30,22 +31,25 @@ void Skin::learn(std::span<const uint16_t> rest) {
   if (!taxels_) return;
   taxels_->learn(glow_.base());
   touches_->forget();
+  edges_->learn(glow_.base());
   frame_.age_q12 = taxels_->age_q12();
 }
 
-void Skin::check_light() {
+void Skin::check_picture() {
   frame_.light_q12 = taxels_->light_q12();
+  const OpeningEdges::Defects edges = edges_->run(glow_.plane(), frame_.light_q12);
+  frame_.has_moved = edges.has_moved;
   frame_.is_dark = taxels_->n_dark() > 0 || 2 * frame_.light_q12 < -Taxels::kOne;
   frame_.is_light_off = frame_.light_q12 > kLightOffQ12 || frame_.light_q12 < -kLightOffQ12 ||
-                        taxels_->stray_q6() > touches_->tables().stray_limit_q6;
+                        taxels_->stray_q6() > touches_->tables().stray_limit_q6 || edges.is_off_curve;
 }
 
 const SkinFrame& Skin::run(const FrameView& frame, uint64_t capture_us, SaturationCounter& saturations) {
   glow_.run(frame);
   if (taxels_) {
     taxels_->run(glow_.plane());
-    check_light();
-    const bool is_trusted = !frame_.is_dark && !frame_.is_light_off;
+    check_picture();
+    const bool is_trusted = !frame_.is_dark && !frame_.is_light_off && !frame_.has_moved;
     frame_.touches = touches_->run(taxels_->ratio(), capture_us, is_trusted, saturations);
   } else {
     glow_.smooth();

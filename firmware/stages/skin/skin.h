@@ -1,13 +1,13 @@
 // Detects the touches of a skin that becomes brighter where it is pressed.
 //
 //   glow (image/glow.h), then, depending on the calibration,
-//     taxels    image/taxels.h, stages/skin/taxel_touches.h      if it has skin.run
-//     picture   image/glow_regions.h, stages/skin/skin_image.h   otherwise: the paper's method
+//     taxels    image/taxels.h, stages/skin/taxel_touches.h, stages/skin/opening_edges.h   if it has skin.run
+//     picture   image/glow_regions.h, stages/skin/skin_image.h                           otherwise: the paper's method
 //   identity of touches and mean over frames (stages/skin/skin_track.h)
 //
 // Without a calibration, touches are detected but have neither position nor force. A frame is dark if half of a panel's
-// light is missing on a taxel. Its light is off if light enters from outside, or if the whole skin is brighter or
-// darker than at rest by kLightOff. Frame thread; no allocation after load().
+// light is missing on a taxel. Its light is off if light enters from outside, if the whole skin is brighter or darker
+// than at rest by kLightOff, or if the curve of grey levels has changed. Frame thread; no allocation after load().
 #pragma once
 
 #include <cstdint>
@@ -21,6 +21,7 @@
 #include "image/glow.h"
 #include "image/glow_regions.h"
 #include "image/taxels.h"
+#include "stages/skin/opening_edges.h"
 #include "stages/skin/skin_image.h"
 #include "stages/skin/skin_track.h"
 #include "stages/skin/taxel_touches.h"
@@ -49,7 +50,7 @@ class Skin {
 
  private:
   explicit Skin(const BoardSettings& board);
-  void check_light();
+  void check_picture();
 
   Glow glow_;
   GlowRegions regions_;
@@ -57,6 +58,7 @@ class Skin {
   std::optional<SkinImage> image_;
   std::optional<Taxels> taxels_;
   std::optional<TaxelTouches> touches_;
+  std::optional<OpeningEdges> edges_;  // with taxels
   SkinFrame frame_;
 };
 

@@ -1,7 +1,8 @@
-"""A glowing skin: firmware/image/glow.h, image/taxels.h, stages/skin/taxel_touches.h and skin_image.h."""
+"""A glowing skin: firmware/image/glow.h, image/taxels.h, stages/skin/taxel_touches.h, opening_edges.h, skin_image.h."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +70,53 @@ class Taxels:
         self.light = max(sorted(change)[self.n // 2], 1 - ONE)
         ratio = [ONE * (c - self.light) // (ONE + self.light) for c in change]
         return [min(max(r, -MAX_CHANGE), MAX_CHANGE) for r in ratio]
+
+
+class OpeningEdges:
+    """Has the camera moved, and has the curve of grey levels changed?"""
+
+    def __init__(self, board: Board, base: I64) -> None:
+        height, width = base.shape
+        twice = np.zeros((2, height, width), np.int64)
+        twice[0, 1:-1, 1:-1] = base[1:-1, 2:] - base[1:-1, :-2]
+        twice[1, 1:-1, 1:-1] = base[2:, 1:-1] - base[:-2, 1:-1]
+        square = (twice**2).sum(axis=0)
+        blocks = square[: height // 8 * 8, : width // 8 * 8].reshape(height // 8, 8, width // 8, 8)
+        blocks = blocks.transpose(0, 2, 1, 3).reshape(height // 8, width // 8, 64)
+        best = blocks.argmax(axis=2)  # the first one
+        by, bx = np.nonzero(blocks.max(axis=2) > 4 * 32**2)
+        self.y, self.x = 8 * by + best[by, bx] // 8, 8 * bx + best[by, bx] % 8
+        self.base, self.twice = base[self.y, self.x], twice[:, self.y, self.x].T
+        self.limit = np.array([math.isqrt(int(s)) // 2 for s in square[self.y, self.x]])
+        aside = 1000 * self.x - board["camera"]["center_x_mpx"]
+        down = 1000 * self.y - board["camera"]["center_y_mpx"]
+        is_beside = np.abs(aside) >= np.abs(down)
+        self.sector = np.where(is_beside, np.where(aside > 0, 0, 1), np.where(down > 0, 2, 3))
+        self.cell = (self.y // 64) * ((width + 63) // 64) + self.x // 64
+
+    def moved(self, glow: I64, light: int) -> bool:
+        r = np.clip((light * self.base >> 12) - glow[self.y, self.x], -self.limit, self.limit)
+        for sector in range(4):
+            of = self.sector == sector
+            t = self.twice[of]
+            (xx, xy), (_, yy) = (t.T @ t).tolist()
+            shift = max(0, (xx + yy).bit_length() - 28)
+            xx, xy, yy = xx >> shift, xy >> shift, yy >> shift
+            det = xx * yy - xy * xy
+            if of.sum() < 64 or 16 * det <= (xx + yy) ** 2:
+                continue
+            x, y = (int(m) >> shift for m in t.T @ r[of])
+            if 10 * max(abs(yy * x - xy * y), abs(xx * y - xy * x)) > det:
+                return True
+        return False
+
+    def off_curve(self, glow: I64, light: int) -> bool:
+        count, sums, bases = (
+            np.bincount(self.cell, w).astype(np.int64) for w in (None, glow[self.y, self.x], self.base)
+        )
+        known = (count >= 4) & (bases > 0)
+        edge = sorted((ONE * sums[known] // bases[known]).tolist())
+        return len(edge) >= 24 and abs(edge[len(edge) // 2] - light) > 33
 
 
 @dataclass
