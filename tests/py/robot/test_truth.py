@@ -1,11 +1,10 @@
 """The streamed wrench, friction and rest against what MuJoCo itself measures and knows."""
 
+import mujoco
 import numpy as np
 import pytest
 from kept import kept
 from worlds import BOARD, lying, scale
-
-mujoco = pytest.importorskip("mujoco", reason="extra [robot]")
 
 from ruffini.robot import World
 
