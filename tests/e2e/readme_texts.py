@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import re
 import shlex
@@ -11,10 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import typer
 from kept import cache_folder
 
-from ruffini.cli.app import app
+from ruffini.cli.app import command as tree
 
 ROOT = Path(__file__).parents[2]
 TEXTS = sorted(
@@ -47,15 +45,9 @@ def words_of(line: str) -> list[str]:
     return [w.strip("[]") for w in shlex.split(line, comments=True) if w.strip("[].")]
 
 
-@functools.cache
-def parser() -> Any:
-    """The whole tree of commands, built once."""
-    return typer.main.get_command(app)
-
-
 def fault_of(words: list[str], *, is_whole: bool) -> str | None:
     """What the parser refuses; a file or folder of the reader's is not there. Typer brings its own click, or not."""
-    command = parser()
+    command: Any = tree()
     context, rest = None, words
     while True:
         try:

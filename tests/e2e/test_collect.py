@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hang import until
+from kept import kept
 from scipy.spatial.transform import Rotation
 from tiny_sensor import ROOT
 from tiny_twin import Twin
@@ -324,7 +325,9 @@ def test_the_conditions_of_a_rigid_connector_reach_the_log_with_its_targets(tmp_
         pad.size_x_um * 1e-6, pad.size_y_um * 1e-6, pad.thickness_um * 1e-6, pad.modulus_pa,
         pad.poisson_1e4 * 1e-4, n_cells_x=10, n_cells_y=9, layers=(0.2, 0.3, 0.5),
     )  # fmt: skip
-    unit = PlatformUnit(board, settings, model, surface_compliance(model), platform=Platform.of(settings.platform))
+    unit = PlatformUnit(
+        board, settings, model, kept(surface_compliance, model), platform=Platform.of(settings.platform)
+    )
     loads = plan("conditions", Span(0.003, 0.002, 0.0006, 0.0), 18, 1, ByHand(force_n=0.8, torque_nm=0.008))
     items = [loads[i] for i in (0, 6, 13, 16)]
     with contextlib.ExitStack() as stack:

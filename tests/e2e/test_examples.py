@@ -39,7 +39,7 @@ def test_print_forces(port: str) -> None:
 
 
 def test_hold_without_slip(port: str) -> None:
-    assert run("hold_without_slip.py", "1", port=port).endswith("done\n")
+    assert "done" in run("hold_without_slip.py", "1", port=port).splitlines()  # notes of a busy computer may follow it
 
 
 def test_two_fingers(sensor: Sensor, tmp_path: Path) -> None:

@@ -134,10 +134,15 @@ def test_the_page_with_a_simulated_pad_as_its_readme_opens_it(page: Page, tmp_pa
             address = process.stdout.readline().strip()
             assert address, process.communicate(timeout=HANG_S)
             page.goto(address)
-            state = wait_for(page, "a press", lambda s: sensor_of(s)["wrench"]["values"][2] < -0.2)
+            state = wait_for(page, "a press", lambda s: is_pressed(sensor_of(s)["wrench"]))
         finally:
             process.send_signal(signal.SIGINT)
             said = process.communicate(timeout=HANG_S)[1]
     assert process.returncode == 0, said
     assert sensor_of(state)["isSimulated"]
     assert min(sensor_of(state)["wrench"]["sigma"]) > 0
+
+
+def is_pressed(wrench: dict[str, list[float]]) -> bool:
+    """A busy computer's camera stalls; the force that is then repeated is not valid and has no sigma."""
+    return wrench["validity"] == [1] * 6 and wrench["values"][2] < -0.2

@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from hang import HANG_S
+from kept import kept
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
@@ -78,10 +79,12 @@ def draw(board: Board, depth: float, seed: int) -> np.ndarray:
         ),
         axis=-1,
     ).reshape(-1, 2)
+    reach = m.diameter_um / 2 * px_per_um + 0.5
     for away in lattice:
         place = center + away * (1 - 0.1 * depth * max(1 - (away @ away) / radius**2, 0))
-        distance = np.hypot(x - place[0], y - place[1])
-        level *= 1 - 0.6 * np.clip(m.diameter_um / 2 * px_per_um + 0.5 - distance, 0, 1)[..., None]
+        dot = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 2, 0)) for at in place[::-1])
+        distance = np.hypot(x[dot] - place[0], y[dot] - place[1])
+        level[dot] *= 1 - 0.6 * np.clip(reach - distance, 0, 1)[..., None]
     return np.clip(np.round(level + rng.normal(0, 0.7, level.shape)), 0, 255).astype(np.uint8)
 
 
@@ -118,7 +121,12 @@ def make_sensor(root: Path) -> Sensor:
     """Board, recording and calibration, in folders of `root`."""
     folder = write_board(root / "tiny", {})
     board = find_board(folder)
-    return Sensor(board, folder, write_recording(board, root / "recording"), make_calibration(board).data)
+    return Sensor(board, folder, write_recording(board, root / "recording"), kept(calibration_bytes, board))
+
+
+def calibration_bytes(board: Board) -> bytes:
+    """Of `make_calibration`, which takes a second."""
+    return make_calibration(board).data
 
 
 class Daemon:

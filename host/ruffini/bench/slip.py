@@ -257,10 +257,15 @@ class Scores:
         }  # fmt: skip
 
 
+def default_calibration(board: Board) -> bytes:
+    """The default operator's tables."""
+    kind = make_operator(board, method="support", noise=Noise((5e-6, 5e-6, 20e-6)))
+    return container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}).data
+
+
 def default_pipeline(board: Board) -> Pipeline:
     """The board's integers with the default operator."""
-    kind = make_operator(board, method="support", noise=Noise((5e-6, 5e-6, 20e-6)))
-    return Pipeline(board, container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}).data)
+    return Pipeline(board, default_calibration(board))
 
 
 def run(board: Board, *, quick: bool, progress: Progress = lambda _: None) -> dict[str, Any]:

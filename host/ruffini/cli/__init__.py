@@ -16,10 +16,10 @@ def main() -> int:
     0 ok, 1 failed check, 2 usage, 3 no device, 4 refused, 5 verify failed, 130 interrupted. With `--json` an error is
     one JSON object on stdout, {"error": sentence, "exit_code": number}, beside the sentence on stderr.
     """
-    from ruffini.cli.app import app
+    from ruffini.cli.app import command
 
     try:
-        app()
+        command()()
     except SystemExit as stop:
         code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         if code == USAGE:  # of a command line; what a verb refuses is a RuffiniError

@@ -210,3 +210,9 @@ _renamed(app, {"track": offline.track, "depth": offline.depth, "field": offline.
 _renamed(twin, {"validate": validate.validate}, "sim {}", "bench mechanics")
 _renamed(twin, {"bench": sim.bench}, "sim {}", "bench twin")
 _renamed(twin, {"reproduce": reproduce.sim_reproduce}, "sim {}", "reproduce BOARD --only recordings")
+
+
+@functools.cache
+def command() -> Any:
+    """The whole tree as a click command; to build it takes longer than most verbs take to refuse."""
+    return typer.main.get_command(app)

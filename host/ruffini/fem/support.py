@@ -26,6 +26,7 @@ of contacts. Not in the paper. The board runs it in integers (firmware/solve/sup
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,14 +152,16 @@ def shear_modes(y: Array, weight: Array, place_m: Array) -> Array:
     from_center = place_m - pressure @ place_m / pressure.sum()
     x, y_ = from_center.T
     one, zero = np.ones_like(x), np.zeros_like(x)
+    ways = [np.stack(along, axis=-1) for along in ((one, zero), (zero, one), (-y_, x), (x, y_))]
+    total = functools.partial(np.add.reduce, axis=None)  # np.sum is this and a microsecond, half a million times a fit
     basis: list[Array] = []
     for amplitude in (pressure, weight, pressure * (x**2 + y_**2)):
-        for along in ((one, zero), (zero, one), (-y_, x), (x, y_)):
-            vector = amplitude[:, None] * np.stack(along, axis=-1)
-            before = np.sum(vector**2)
+        for way in ways:
+            vector = amplitude[:, None] * way
+            before = total(vector**2)
             for b in basis:
-                vector = vector - np.sum(b * vector) * b
-            left = np.sum(vector**2)
+                vector = vector - total(b * vector) * b
+            left = total(vector**2)
             if left > 0 and left >= LEAST_SHARE * before:
                 basis.append(vector / np.sqrt(left))
     return np.array(basis)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.bench.ifem import evaluate, observed
 from ruffini.bench.markers import LostMarkers, fill_lost
@@ -59,7 +60,7 @@ def test_the_share_lost_is_what_was_asked_for_and_depth_does_not_feel_it(board: 
 
 def test_states_bring_the_truth_at_the_markers(board: Board) -> None:
     assert board.markers is not None
-    (state,) = make_states(board, (Recipe("ball", (Touch("sphere", 8, 0.5, 0, shift=(0.1, 0)),)),), (0.3,))
+    (state,) = kept(make_states, board, (Recipe("ball", (Touch("sphere", 8, 0.5, 0, shift=(0.1, 0)),)),), (0.3,))
     quiet = LostMarkers(0.0, (0.0, 0.0, 0.0))
     u = observed(board, state, quiet, np.random.default_rng(0))
     np.testing.assert_array_equal(u[..., 2], state.displacement[..., 2])

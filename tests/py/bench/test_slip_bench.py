@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
-from ruffini.bench.slip import JUDGED, Case, Run, Scores, Watched, default_pipeline, simulate, watch
-from ruffini.boards import find_board
-from ruffini.core.pipeline import ContactRow
+from ruffini.bench.slip import JUDGED, Case, Run, Scores, Watched, default_calibration, simulate, watch
+from ruffini.boards import Board, find_board
+from ruffini.core.pipeline import ContactRow, Pipeline
 from ruffini.sim.unit import TwinUnit
 
 CASE = Case("sphere", 5, 0.5, 0.5, 0, 0, 0)
@@ -78,11 +79,15 @@ def test_nodes_are_counted_inside_the_contact_only() -> None:
     assert slipping + sticking == 28
 
 
+def first_run(board: Board) -> Run:
+    return simulate(TwinUnit.build(board), JUDGED[0])
+
+
 def test_the_board_foresees_that_a_ball_slides() -> None:
     board = find_board("gelslim")
-    run = simulate(TwinUnit.build(board), JUDGED[0])
+    run = kept(first_run, board)
     assert run.gross is not None
-    with default_pipeline(board) as pipeline:
+    with Pipeline(board, kept(default_calibration, board)) as pipeline:
         noisy = watch(pipeline, run, Disturbance(white_um=WHITE_UM), np.random.default_rng(1))
         again = watch(pipeline, run, Disturbance(white_um=WHITE_UM), np.random.default_rng(1))
     assert noisy.contact == again.contact  # the run before leaves nothing behind

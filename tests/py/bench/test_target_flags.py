@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 
 from ruffini.boards import Board, find_board
 from ruffini.core import Pipeline
 from ruffini.estimators.wrench.target_geometry import TargetGeometry
+from ruffini.sim.optics.conditions import TrayPose
 from ruffini.sim.programs import Load, Rest
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.story import play
@@ -27,18 +27,27 @@ def board() -> Board:
     return find_board("ftouch")
 
 
-def shown(board: Board, *, n_rest: int, n_loaded: int, **fault: object) -> Iterator[Picture]:
+def shown(board: Board, *, n_rest: int, n_loaded: int, **fault: object) -> list[Picture]:
     """Frames of a rest and a held load, with a fault from the first loaded frame on."""
+    return kept(drawn, board, n_rest, n_loaded, fault)[0]
+
+
+def drawn(board: Board, n_rest: int, n_loaded: int, fault: dict[str, object]) -> tuple[list[Picture], list[TrayPose]]:
+    """Those frames, and where the tray was."""
     faults = [{"first_frame": n_rest, "n_frames": n_loaded, **fault}] if fault else []
     scenario = Scenario.model_validate({"seed": 4, "fault": faults})
     unit = build_unit(board)
     renderer = unit.renderer()
     story = [Rest(n_rest), Load(np.repeat(LOAD[None], n_loaded, axis=0), [True] * n_loaded)]
+    pictures, trays = [], []
     for frame, moment in enumerate(play(unit, story)):
-        yield scenario.picture(renderer, frame, moment.displacement, None, moment.tray)
+        assert moment.tray is not None
+        pictures.append(scenario.picture(renderer, frame, moment.displacement, None, moment.tray))
+        trays.append(moment.tray)
+    return pictures, trays
 
 
-def flags_after(board: Board, pictures: Iterator[Picture], n_rest: int) -> list[int]:
+def flags_after(board: Board, pictures: list[Picture], n_rest: int) -> list[int]:
     """Flags of every frame after the rest, without those of a board that has no calibration."""
     with Pipeline(board) as core:
         said = [core.process(picture) for picture in pictures]
@@ -53,11 +62,11 @@ def test_a_load_is_no_fault(board: Board) -> None:
 def test_light_that_tilts_as_under_a_tilted_tray_is_no_fault(board: Board) -> None:
     """1 % brighter on one side, 1 % darker on the other, for four windows of the lamps' map of other boards."""
     n_rest = board.pipeline.n_rest_frames
-    rest = list(shown(board, n_rest=n_rest, n_loaded=0))
+    rest = shown(board, n_rest=n_rest, n_loaded=0)
     tilt = 1 + 0.01 * np.linspace(-1, 1, board.camera.width_px)[None, :, None]
     tilted = [np.clip(np.rint(picture * tilt), 0, 255).astype(np.uint8) for picture in rest]
     pictures = [*rest, *(tilted[i % n_rest] for i in range(64))]
-    assert flags_after(board, iter(pictures), n_rest) == [0] * 64
+    assert flags_after(board, pictures, n_rest) == [0] * 64
 
 
 @pytest.mark.parametrize(
@@ -76,7 +85,7 @@ def test_a_fault_is_flagged_within_three_frames(board: Board, fault: dict[str, o
 
 def test_a_removed_and_a_half_covered_target_are_flagged_at_once(board: Board) -> None:
     n_rest = board.pipeline.n_rest_frames
-    pictures = list(shown(board, n_rest=n_rest, n_loaded=3))
+    pictures = shown(board, n_rest=n_rest, n_loaded=3)
     with Pipeline(board) as core:
         for picture in pictures[: n_rest + 1]:
             core.process(picture)
@@ -94,16 +103,13 @@ def test_a_removed_and_a_half_covered_target_are_flagged_at_once(board: Board) -
 def test_shifts_and_areas_are_those_of_the_trays_pose(board: Board) -> None:
     """Against perspective of the twin's true pose: 0.05 px and 0.2 % of the area, under noise and JPEG."""
     n_rest, n_loaded = board.pipeline.n_rest_frames, 6
-    unit, scenario = build_unit(board), Scenario(seed=4)
-    renderer, poses = unit.renderer(), []
+    pictures, trays = kept(drawn, board, n_rest, n_loaded, {})
+    poses = [[*(1e3 * v for v in tray.shift_m), *tray.turn_rad] for tray in trays[n_rest:]]
     with Pipeline(board) as core:
         seen = []
-        story = [Rest(n_rest), Load(np.repeat(LOAD[None], n_loaded, axis=0), [True] * n_loaded)]
-        for frame, moment in enumerate(play(unit, story)):
-            core.process(scenario.picture(renderer, frame, moment.displacement, None, moment.tray))
+        for frame, picture in enumerate(pictures):
+            core.process(picture)
             if frame >= n_rest:
-                assert moment.tray is not None
-                poses.append([*(1e3 * v for v in moment.tray.shift_m), *moment.tray.turn_rad])
                 seen.append(core.features())
         area = core.targets()[:, 2] / 256
     expected = TargetGeometry(board).features(np.array(poses)).reshape(n_loaded, -1, 3)

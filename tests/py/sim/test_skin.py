@@ -1,6 +1,7 @@
 """The skin round a tube: shell against a published roof and a plate on springs, pyramids, loops, truth."""
 
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -123,27 +124,45 @@ def pyramid_near(unit, x_mm, y_mm):
     return float(a[i]) * MM, float(b[i]) * MM
 
 
-def pressed(unit, x, y, depth, *, radius=5 * MM, n=4):
-    rig = unit.rig()
-    rig.take(Indenter("sphere", radius))
-    for i in range(n):
-        rig.advance(Pose(x, y, depth * (i + 1) / n), 0.25)
-    return rig
+class Pressed(NamedTuple):
+    """What a press did: wrench, displacement of the surface, its forces, and the load of each panel it reached."""
+
+    wrench: np.ndarray
+    displacement: np.ndarray
+    nodal_force: np.ndarray
+    panel_loads: list
+
+
+def press(rig, x, y, *depths):
+    rig.take(Indenter("sphere", 5 * MM))
+    for depth in depths:
+        rig.advance(Pose(x, y, depth), 0.25)
+    loads = [np.linalg.norm(panel.state.force.sum(axis=0)) for panel in rig._panels.values()]
+    return Pressed(rig.wrench(), rig.displacement, rig.nodal_force(), loads)
+
+
+def pressed(x, y, depth, n=4):
+    """On a fresh skin, in n steps."""
+    return kept(press_in_steps, x, y, depth, n)
+
+
+def press_in_steps(x, y, depth, n):
+    return press(coarse_unit().rig(), x, y, *(depth * (i + 1) / n for i in range(n)))
 
 
 def test_a_press_on_a_pyramid_brightens_that_one_most(unit):
     x, y = pyramid_near(unit, 30, 5)
-    rig = pressed(unit, x, y, 3 * MM)
-    force = rig.wrench()
+    found = pressed(x, y, 3 * MM)
+    force = found.wrench
     inward = -np.array([np.cos(x / 40e-3), np.sin(x / 40e-3), 0])
     assert 2 < np.linalg.norm(force[:3]) < 9
     np.testing.assert_allclose(force[:3] / np.linalg.norm(force[:3]), inward, atol=0.05)
     # Moment: the force at the panel's radius and at height y, about the middle of the tube.
     np.testing.assert_allclose(force[3:], np.cross([0, 0, y], force[:3]), atol=0.05 * np.linalg.norm(force[:3]) * 43e-3)
-    np.testing.assert_allclose(rig.nodal_force().sum(axis=(0, 1)), force[:3], atol=1e-12)
+    np.testing.assert_allclose(found.nodal_force.sum(axis=(0, 1)), force[:3], atol=1e-12)
     renderer = unit.renderer()
     rng = np.random.default_rng
-    change = renderer.image(rig.displacement, rng(1)).astype(float) - renderer.image(unit.at_rest(), rng(1))
+    change = renderer.image(found.displacement, rng(1)).astype(float) - renderer.image(unit.at_rest(), rng(1))
     v, u = np.unravel_index(change[:, :, :2].sum(axis=2).argmax(), change.shape[:2])
     place = np.array([[40 * np.cos(x / 40e-3), 40 * np.sin(x / 40e-3), y / MM]])
     expected, _ = renderer.views[0].view.project(place)
@@ -152,30 +171,30 @@ def test_a_press_on_a_pyramid_brightens_that_one_most(unit):
 
 def test_between_pyramids_it_is_softer(unit):
     x, y = pyramid_near(unit, 30, 5)
-    on = np.linalg.norm(pressed(unit, x, y, 1.5 * MM, n=3).wrench()[:3])
-    between = np.linalg.norm(pressed(unit, x + 5.2 * MM, y, 1.5 * MM, n=3).wrench()[:3])
+    on = np.linalg.norm(pressed(x, y, 1.5 * MM, 3).wrench[:3])
+    between = np.linalg.norm(pressed(x + 5.2 * MM, y, 1.5 * MM, 3).wrench[:3])
     assert 0.5 * on < between < 0.99 * on
 
 
-def test_a_seam_is_pressed_on_both_panels_and_the_tube_closes(unit):
+def test_a_seam_is_pressed_on_both_panels_and_the_tube_closes():
     for x in (np.pi / 2 * 40e-3, np.pi * 40e-3):
-        rig = pressed(unit, x, 0.0, 1.5 * MM, n=2)
-        assert len(rig._panels) == 2
-        force = rig.wrench()[:3]
-        loads = [np.linalg.norm(panel.state.force.sum(axis=0)) for panel in rig._panels.values()]
-        assert min(loads) > 0.2 * np.linalg.norm(force)
+        found = pressed(x, 0.0, 1.5 * MM, 2)
+        assert len(found.panel_loads) == 2
+        assert min(found.panel_loads) > 0.2 * np.linalg.norm(found.wrench[:3])
+
+
+def press_twice(x, other, y):
+    rig = coarse_unit().rig()
+    press(rig, x, y, 0.5 * MM, 1 * MM)
+    rig.rest()
+    return press(rig, other, y, 0.5 * MM, 1 * MM)
 
 
 def test_a_second_touch_elsewhere_is_as_on_a_fresh_skin(unit):
     (x, y), (other, _) = pyramid_near(unit, 30, 5), pyramid_near(unit, -30, 5)
-    rig = pressed(unit, x, y, 1 * MM, n=2)
-    rig.rest()
-    rig.take(Indenter("sphere", 5 * MM))
-    for depth in (0.5 * MM, 1 * MM):
-        rig.advance(Pose(other, y, depth), 0.25)
-    fresh = pressed(unit, other, y, 1 * MM, n=2)
-    np.testing.assert_allclose(rig.wrench(), fresh.wrench(), rtol=1e-6, atol=1e-9)
-    assert len(rig._panels) == 2  # the first one is slow to come back
+    second, fresh = kept(press_twice, x, other, y), pressed(other, y, 1 * MM, 2)
+    np.testing.assert_allclose(second.wrench, fresh.wrench, rtol=1e-6, atol=1e-9)
+    assert len(second.panel_loads) == 2  # the first one is slow to come back
 
 
 def loop(unit, speed_m_s, deepest=4 * MM, step=0.5 * MM):
