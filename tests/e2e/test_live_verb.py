@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -72,13 +73,17 @@ def test_a_video_plays_as_a_sensor_and_ends_cleanly(live: subprocess.Popen[str],
     address = json.loads(live.stdout.readline())["address"]
     with urllib.request.urlopen(f"{address.rstrip('/')}/lines.json", timeout=HANG_S) as answer:
         (line,) = json.load(answer)
-    assert Path(line["port"]).exists()
+    held = os.open(line["port"], os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)  # no other line is given its number
     live.send_signal(signal.SIGINT)
     assert live.wait(HANG_S) == 0
     said = live.stderr.read()
     assert "live: looking at" in said.splitlines()[0]
     assert "not calibrated: shows the picture and the motion of its markers" in said
-    assert not Path(line["port"]).exists(), "the daemon has ended"
+    is_over = select.poll()
+    is_over.register(held, 0)
+    ends = is_over.poll(1e3 * HANG_S)
+    assert [event & select.POLLHUP for _, event in ends] == [select.POLLHUP], "the daemon has ended"
+    os.close(held)
     assert (tmp_path / "state/ruffini/live/gelsight-mini/recording-dots").is_dir()
 
 

@@ -89,7 +89,7 @@ def test_a_flipped_bit_in_the_first_chunk_costs_a_part_of_that_chunk(
 
 @pytest.mark.parametrize("where", ["over a chunk's head", "within a chunk", "over two chunks"])
 def test_zeros_cost_what_they_cover(run: Path, good: dict[int, dict[str, bytes]], tmp_path: Path, where: str) -> None:
-    """At every chunk but the first and the last two: which of them hold a part of a frame depends on the line's pace."""
+    """At every chunk but the first and the last two: which of them hold part of a frame is the line's pace."""
     starts, lost = chunks(run), []
     for i in range(1, len(starts) - 2):
         begin, end = {

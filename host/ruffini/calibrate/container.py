@@ -268,15 +268,30 @@ def write(path: Path, file: CalibrationFile) -> None:
 
 
 def _merged_gates(files: list[CalibrationFile]) -> dict[str, str]:
-    """`gates` and `residuals` of the whole: the last file's figures with the gates of all."""
+    """`gates` and `residuals` of the whole: the last file's figures with the gates of all.
+
+    Of a stage that several files have fitted, the last one's gates count, as its tables do.
+    """
     trees = [residuals(file) for file in files]
-    rows = [row for tree in trees for row in tree.get("gates", [])]
     said = [file.metadata.get("gates", "") for file in files]
+    rows, bad, later = list[Any](), list[str](), set[str]()
+    for tree, text in zip(reversed(trees), reversed(said), strict=True):
+        own = tree.get("gates", [])
+        gone = [row for row in own if _stage_of(row) in later]
+        rows = [row for row in own if row not in gone] + rows
+        if text.startswith(FAILED):
+            replaced = {row["name"] for row in gone if "name" in row}
+            bad = [name for name in text.removeprefix(FAILED).split(", ") if name not in replaced] + bad
+        later |= {stage for row in own if (stage := _stage_of(row))}
     out = {"residuals": json.dumps({**trees[-1], **({"gates": rows} if rows else {})})} if rows else {}
-    bad = list(dict.fromkeys(text.removeprefix(FAILED) for text in said if text.startswith(FAILED)))
     if bad:
-        return {**out, "gates": FAILED + ", ".join(bad)}
-    return {**out, "gates": PASSED} if all(text == PASSED for text in said) else out
+        return {**out, "gates": FAILED + ", ".join(dict.fromkeys(bad))}
+    return {**out, "gates": PASSED} if all(text == PASSED or text.startswith(FAILED) for text in said) else out
+
+
+def _stage_of(row: Any) -> str:
+    """The estimator that a gate of a manifest is of; empty: it is of none, or no gate."""
+    return str(row.get("stage", "")) if isinstance(row, dict) else ""
 
 
 def residuals(file: CalibrationFile) -> dict[str, Any]:

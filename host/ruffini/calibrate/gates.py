@@ -75,6 +75,11 @@ def failed(gates: Sequence[Gate]) -> list[Gate]:
     return [gate for gate in gates if gate.ok is False]
 
 
+def of_stage(stage: str, gates: Sequence[Gate]) -> list[Gate]:
+    """The gates that a stage states, marked as its own: a later fit of the stage replaces them."""
+    return [gate._replace(stage=stage) for gate in gates]
+
+
 def manifest_of(report: dict[str, Any], gates: Sequence[Gate]) -> dict[str, str]:
     """`residuals` and `gates` of a manifest: the report's figures, and PASSED or what failed (proto/CALIBRATION.md)."""
     tree = {**report, "gates": [gate._asdict() for gate in gates]}

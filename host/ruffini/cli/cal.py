@@ -204,9 +204,11 @@ def material(
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
     note_start("cal material", board)
     from ruffini.calibrate import container
+    from ruffini.calibrate.gates import of_stage
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.material.fit import fit_material, log_from_recording
     from ruffini.estimators.material.judge import gates_of_material
+    from ruffini.estimators.material.stage import MATERIAL
     from ruffini.estimators.operator.gauge import gauge_uncertainty_m
     from ruffini.fem.operators import Noise
 
@@ -217,7 +219,7 @@ def material(
     with progress_bar("fit") as progress:
         noise = Noise((5e-6, 5e-6, 20e-6), gauge_m=gauge_uncertainty_m(found), tilt_m=30e-6)
         fit = fit_material(found, frames, noise, progress=progress)
-    gates = gates_of_material(fit, found)
+    gates = of_stage(MATERIAL.name, gates_of_material(fit, found))
     report = {**fit.report(), "gates": [gate._asdict() for gate in gates]}
     write_fit(out, found, report)
     e, nu, h = fit.values
@@ -251,6 +253,7 @@ def fit_relaxation_of_log(
     """Fit how much force the pad loses under a held strain, and how fast, to a recording with a reference wrench."""
     note_start("cal relaxation", board)
     from ruffini.calibrate import container
+    from ruffini.calibrate.gates import of_stage
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.relaxation.fit import fit_relaxation, log_from_recording
     from ruffini.estimators.relaxation.stage import RELAXATION
@@ -260,7 +263,7 @@ def fit_relaxation_of_log(
     with progress_bar("frames") as progress:
         frames = log_from_recording(found, file, log, reference, progress=progress)
     fit = fit_relaxation(frames)
-    gates = RELAXATION.gates(fit.report(), found)
+    gates = of_stage(RELAXATION.name, RELAXATION.gates(fit.report(), found))
     report = {**fit.report(), "gates": [gate._asdict() for gate in gates]}
     write_fit(out, found, report)
     terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
@@ -306,7 +309,7 @@ def photometric(
     note(f"cal photometric: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of
+    from ruffini.calibrate.gates import manifest_of, of_stage
     from ruffini.estimators.photometric.fitted import fit_presses
     from ruffini.estimators.photometric.pad_view import pad_view
     from ruffini.estimators.photometric.presses import load_presses
@@ -319,7 +322,7 @@ def photometric(
     presses = presses if dark is None else _less_dark(presses, dark, found)
     with progress_bar("fit") as progress:
         fit = fit_presses(presses, found, is_foreign=foreign, source=source, view=view, progress=progress)
-        gates = PHOTOMETRIC.gates(fit.report, found)
+        gates = of_stage(PHOTOMETRIC.name, PHOTOMETRIC.gates(fit.report, found))
         metadata = {**container.base_metadata(found), **manifest_of(fit.report, gates), **fit.metadata}
         container.write(out, container.pack(fit.tensors, metadata))
         result = {"file": str(out), **fit.report, "gates": [gate._asdict() for gate in gates]}

@@ -37,7 +37,7 @@ def camera(
     """Fit lens, mounting and refraction to pictures of a flat target."""
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of
+    from ruffini.calibrate.gates import manifest_of, of_stage
     from ruffini.estimators.camera.fit import fit_camera, tables
     from ruffini.estimators.camera.stage import CAMERA
     from ruffini.estimators.camera.targets import Target
@@ -55,7 +55,7 @@ def camera(
     fit = fit_camera(paths, shown, found, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit.model, found)
     report = fit.report()
-    gates = CAMERA.gates(report, found)
+    gates = of_stage(CAMERA.name, CAMERA.gates(report, found))
     base = {**container.base_metadata(found), **manifest_of(report, gates)}
     container.write(out, container.pack({**tensors}, {**base, **metadata}))
     skipped = f", none in {', '.join(report['skipped'])}" if report["skipped"] else ""
@@ -71,7 +71,7 @@ def _several(
     out: Path, json_: bool,
 ) -> None:  # fmt: skip
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of
+    from ruffini.calibrate.gates import manifest_of, of_stage
     from ruffini.estimators.camera.stage import CAMERA
     from ruffini.estimators.camera.views import fit_views, tables, view_kinds
 
@@ -81,7 +81,7 @@ def _several(
     fit = fit_views(paths, shown, board, kinds, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit, board)
     report = fit.report()
-    gates = CAMERA.gates(report, board)
+    gates = of_stage(CAMERA.name, CAMERA.gates(report, board))
     base = {**container.base_metadata(board), **manifest_of(report, gates)}
     container.write(out, container.pack({**tensors}, {**base, **metadata}))
     each = "; ".join(f"{v['kind']}: {v['pictures']} pictures, {v['residual_px']:.3f} px" for v in report["views"])

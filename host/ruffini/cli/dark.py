@@ -20,7 +20,7 @@ def dark(
     note(f"cal dark: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of
+    from ruffini.calibrate.gates import manifest_of, of_stage
     from ruffini.estimators.camera.dark import dark_frame, gates_of_dark
     from ruffini.frames import read_frames
 
@@ -28,7 +28,7 @@ def dark(
     with progress_bar("frames") as progress:
         made = dark_frame(found, read_frames(log), progress=progress)
     report = made.report()
-    gates = gates_of_dark(report)
+    gates = of_stage("dark", gates_of_dark(report))
     metadata = {**container.base_metadata(found), **manifest_of(report, gates)}
     container.write(out, container.pack(made.tensors(), metadata))
     level = ", ".join(f"{v:.2f}" for v in report["level_bgr"])

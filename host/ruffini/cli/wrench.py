@@ -106,7 +106,7 @@ def wrench(
     note(f"cal wrench: board {board}" if board else "cal wrench: columns of a log")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of
+    from ruffini.calibrate.gates import manifest_of, of_stage
     from ruffini.calibrate.log.columns import read_column_logs
     from ruffini.calibrate.log.videos import VideoColumns, read_video_log
     from ruffini.errors import InputError
@@ -164,7 +164,7 @@ def wrench(
         note(f"board {found.name!r} has no stage that makes a wrench of features: it would not use this table")
     tensors, metadata = tables(fit, sort)
     base = container.base_metadata(found) if found else container.metadata_without_board()
-    gates = WRENCH.gates(fit.report(), found)
+    gates = of_stage(WRENCH.name, WRENCH.gates(fit.report(), found))
     residuals = json.loads(metadata["residuals"])
     container.write(out, container.pack(tensors, {**base, **metadata, **manifest_of(residuals, gates)}))
     left_out = residuals["left_out"]

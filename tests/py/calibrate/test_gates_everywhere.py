@@ -13,7 +13,7 @@ from test_photometric import BALL_MM, PX_PER_MM, draw
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.gates import gates_in, verdict
+from ruffini.calibrate.gates import Gate, gates_in, manifest_of, of_stage, verdict
 from ruffini.errors import InputError
 from ruffini.estimators.material.judge import gates_of_modulus
 from ruffini.estimators.operator.fit import Material
@@ -139,3 +139,20 @@ def test_a_merged_file_is_as_good_as_its_worst_part(tmp_path: Path) -> None:
         assert merged.metadata.get("gates") == verdict_of_all
         gates = gates_in(merged)
         assert (None if gates is None else [g.name for g in gates]) == names
+
+
+def test_a_stage_that_is_fitted_again_is_judged_by_its_last_fit() -> None:
+    base = container.base_metadata(find_board("gelslim"))
+
+    def fitted(kind: str, **axes: bool) -> container.CalibrationFile:
+        gates = of_stage(kind, [Gate(name, ok, 1.0, 1.0, "") for name, ok in axes.items()])
+        return container.pack({f"{kind}.x": np.zeros(2, np.int16)}, {**base, **manifest_of({}, gates)})
+
+    old = container.merge([fitted("photometric", normals=False), fitted("wrench", Fx=False, Tz=False)])
+    assert old.metadata["gates"] == "failed: normals, Fx, Tz"
+    again = container.merge([old, fitted("wrench", Fx=True)])
+    assert again.metadata["gates"] == "failed: normals"
+    assert [(g.name, g.ok) for g in gates_in(again) or []] == [("normals", False), ("Fx", True)]
+    good = container.merge([again, fitted("photometric", normals=True)])
+    assert good.metadata["gates"] == "passed"
+    assert container.merge([good, fitted("wrench", Fx=False)]).metadata["gates"] == "failed: Fx"

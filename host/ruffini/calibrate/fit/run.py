@@ -13,7 +13,7 @@ from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome
-from ruffini.calibrate.gates import Gate, gates_in, gates_of_reference, verdict
+from ruffini.calibrate.gates import Gate, gates_in, gates_of_reference, of_stage, verdict
 from ruffini.calibrate.log.touches import file_sha256
 from ruffini.calibrate.log.warmth import celsius_ranges
 from ruffini.errors import InputError, RefusedError, RuffiniError
@@ -56,7 +56,7 @@ def run_stages(
 
 def gates_of_stages(board: Board, outcomes: dict[str, Outcome]) -> list[Gate]:
     """What each estimator judges of its own report."""
-    return [gate._replace(stage=name) for name, o in outcomes.items() for gate in BY_NAME[name].gates(o.report, board)]
+    return [gate for name, o in outcomes.items() for gate in of_stage(name, BY_NAME[name].gates(o.report, board))]
 
 
 def finished(
@@ -77,7 +77,7 @@ def finished(
         metadata |= {key: base.metadata[key] for key in ("sensor_serial", "gel_serial")}
     file = container.pack(job.tensors, metadata)
     found, touches = _said(job.logs())
-    gates = [gate._replace(stage=name) for name in outcomes for gate in BY_NAME[name].gates_of_log(job, file)]
+    gates = [gate for name in outcomes for gate in of_stage(name, BY_NAME[name].gates_of_log(job, file))]
     gates += [*gates_of_reference(found), *gates_of_stages(job.board, outcomes), *more]
     residuals: dict[str, Any] = {
         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
@@ -98,7 +98,7 @@ def finished(
 
 
 def _without_stage(base: CalibrationFile, stage: str, serial: str) -> CalibrationFile:
-    """The previous calibration without the gates of a stage that is fitted anew, of the sensor `serial`."""
+    """The previous calibration without the gates of a stage that is fitted again, of the sensor `serial`."""
     theirs = base.metadata["sensor_serial"]
     if serial != "*" and theirs not in ("*", serial):
         raise RefusedError(
