@@ -2,15 +2,13 @@
 
 import pytest
 from kept import kept
-from worlds import BOARD
+from worlds import BOARD, WITHOUT_Z
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.estimators.operator.fit import make_operator
 from ruffini.estimators.operator.gauge import USUAL
 from ruffini.fem.operators import Noise
-
-WITHOUT_Z = "gelsight-mini"  # a board that does not measure it
 
 
 @pytest.fixture(scope="session")

@@ -4,8 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conftest import WITHOUT_Z
-from worlds import BOARD, lying, scale
+from worlds import BOARD, WITHOUT_Z, lying, scale
 
 pytest.importorskip("mujoco", reason="extra [robot]")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 BOARD = "gelslim"
+WITHOUT_Z = "gelsight-mini"  # a board that does not measure it
 
 
 def lying(geom: str, *, above_m: float, step_s: float = 1e-3, mass: float = 0.1, friction: float = 0.6) -> str:
