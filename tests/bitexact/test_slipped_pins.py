@@ -37,13 +37,16 @@ def has_slipped(rest: Ints, moved: Ints, lost: Flags, absent: Flags) -> bool:
     known = np.append(~lost & ~absent, False)  # NONE is not
     y = rest[:, 1] + moved[:, 1]
     count = np.zeros((HEIGHT // 4, 5), int)  # pairs; to either side along x, y
-    for i, j in enumerate(below):
+    for i, next_below in enumerate(below):
+        j = next_below
+        steps = 1 if j == NONE or known[j] else 2
+        j = below[j] if steps == 2 else j
         if not (known[i] and known[j]):
             continue
         beside = [moved[b] - moved[a] for a, b in ((above[i], i), (j, below[j])) if known[a] and known[b]]
         if not beside:
             continue
-        bend = len(beside) * (moved[j] - moved[i]) - sum(beside)
+        bend = len(beside) * (moved[j] - moved[i]) - steps * sum(beside)
         first, last = max(-(-int(y[i]) // STEP), 0), min(int(y[j]) // STEP, len(count) - 1)
         sides = [axis > len(beside) * LIMIT for axis in (*bend, *-bend)]
         count[first : last + 1] += np.array([1, *sides])
