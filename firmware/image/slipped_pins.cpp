@@ -9,7 +9,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kLimitQ16 = 26'214;  // 0.4 px
+constexpr int64_t kLimitQ16 = 13'107;  // 0.2 px: a slip by a pixel may be shared by the markers that it tears
 constexpr int kStepPx = 4;
 constexpr int64_t kStepQ16 = int64_t{kStepPx} << 16;
 constexpr int kMinPairs = 10;

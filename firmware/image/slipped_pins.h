@@ -6,9 +6,9 @@
 //   bend(i)        jump(i) - mean of the single jumps above and below it, as far as these exist; twice the mean for a
 //                  jump over a lost marker
 //   slipped        at some line, each fourth one, along x or y, half of the pairs of i and below i that it separates bend
-//                  to the same side by more than 0.4 px; at least kMinPairs pairs
+//                  to the same side by more than 0.2 px; at least kMinPairs pairs
 //
-// On the twin of a fingertip of two views, presses of up to 0.5 N make at most a quarter of the pairs bend so, a slip by a
+// On the twin of a fingertip of two views, presses of up to 0.5 N make at most a third of the pairs bend so, a slip by a
 // pixel more than half. Limit: rows that hold no marker. Frame thread; no allocation after the constructor but in learn().
 // Not in the papers.
 #pragma once

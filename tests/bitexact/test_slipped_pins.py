@@ -13,7 +13,7 @@ Ints = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 HEIGHT, WIDTH, N_VIEWS = 240, 320, 2
-NONE, LIMIT, STEP, MIN_PAIRS = -1, 26_214, 4 << 16, 10
+NONE, LIMIT, STEP, MIN_PAIRS = -1, 13_107, 4 << 16, 10
 
 
 def neighbours(rest: Ints, absent: Flags) -> tuple[Ints, Ints]:
@@ -62,13 +62,13 @@ def test_slipped_pins_are_the_mirrors() -> None:
         away = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
         place = away + np.array([160, 120]) + np.repeat([[0, 0], [WIDTH, 0]], n // 2, axis=0)
         press = away - rng.uniform(-50, 50, 2)
-        moved = rng.uniform(0, 2) * press / 50 * np.exp(-(press**2).sum(axis=1, keepdims=True) / 2 / 50**2)
+        moved = rng.uniform(0, 1) * press / 50 * np.exp(-(press**2).sum(axis=1, keepdims=True) / 2 / 50**2)
         is_slipped = bool(turn % 2)
         if is_slipped:
             start, part = rng.uniform(60, 120), rng.uniform(20, 60)
             in_rows = (place[:, 1] > start) & (place[:, 1] < start + part)
             moved[in_rows] += rng.choice([-2, -1, 1, 2, 6]) * np.array([1, 0] if rng.random() < 0.7 else [0, 1])
-        rest, way = (np.round(65536 * p).astype(np.int64) for p in (place, moved + rng.normal(0, 0.05, (n, 2))))
+        rest, way = (np.round(65536 * p).astype(np.int64) for p in (place, moved + rng.normal(0, 0.03, (n, 2))))
         absent, lost = rng.random(n) < rng.choice([0, 0.1]), rng.random(n) < rng.choice([0.0, 0.02, 0.2])
         before, now = np.zeros((n, 6), np.int32), np.zeros((n, 6), np.int32)
         before[:, 0:2] = now[:, 0:2] = rest
