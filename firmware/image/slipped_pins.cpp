@@ -12,7 +12,7 @@ namespace {
 constexpr int64_t kLimitQ16 = 13'107;  // 0.2 px: a slip by a pixel may be shared by the markers that it tears
 constexpr int kStepPx = 4;
 constexpr int64_t kStepQ16 = int64_t{kStepPx} << 16;
-constexpr int kMinPairs = 10;
+constexpr int kMinPairs = 16;
 constexpr int kReachPart = 8;  // of the picture's height
 
 }  // namespace
@@ -52,10 +52,7 @@ bool SlippedPins::run(std::span<const Marker> markers) {
   };
   const auto y_of = [&](int i) { return int64_t{markers[static_cast<size_t>(i)].rest_y.raw()} + moved(i, 1); };
   for (int i = 0; i < static_cast<int>(below_.size()); ++i) {
-    int j = below_[static_cast<size_t>(i)];
-    const int64_t n_steps =
-        j == kNone || is_known(j) ? 1 : 2;  // a marker on the edge of slipped rows is torn, and lost
-    if (n_steps == 2) j = below_[static_cast<size_t>(j)];
+    const int j = below_[static_cast<size_t>(i)];
     if (!is_known(i) || !is_known(j)) continue;
     const int before = above_[static_cast<size_t>(i)];
     const int after = below_[static_cast<size_t>(j)];
@@ -66,8 +63,8 @@ bool SlippedPins::run(std::span<const Marker> markers) {
     std::array<int, 2> sign{};
     for (size_t axis = 0; axis < 2; ++axis) {
       int64_t bend = n_beside * (moved(j, axis) - moved(i, axis));
-      if (is_known(before)) bend -= n_steps * (moved(i, axis) - moved(before, axis));
-      if (is_known(after)) bend -= n_steps * (moved(after, axis) - moved(j, axis));
+      if (is_known(before)) bend -= moved(i, axis) - moved(before, axis);
+      if (is_known(after)) bend -= moved(after, axis) - moved(j, axis);
       sign[axis] = bend > n_beside * kLimitQ16 ? 1 : bend < -n_beside * kLimitQ16 ? -1 : 0;
     }
     for (int64_t k = first; k <= last; ++k) {

@@ -2,9 +2,8 @@
 // image/slipped_rows.h does for lattices.
 //
 //   above, below   of each marker: the nearest one within 45 degrees of the column and an eighth of the picture's height
-//   jump(i)        d(below i) - d(i)        d: displacement, px; if below i is lost, d(below below i) - d(i)
-//   bend(i)        jump(i) - mean of the single jumps above and below it, as far as these exist; twice the mean for a
-//                  jump over a lost marker
+//   jump(i)        d(below i) - d(i)        d: displacement, px
+//   bend(i)        jump(i) - mean of jump(above i) and jump(below i), as far as these exist
 //   slipped        at some line, each fourth one, along x or y, half of the pairs of i and below i that it separates bend
 //                  to the same side by more than 0.2 px; at least kMinPairs pairs
 //

@@ -13,7 +13,7 @@ Ints = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 HEIGHT, WIDTH, N_VIEWS = 240, 320, 2
-NONE, LIMIT, STEP, MIN_PAIRS = -1, 13_107, 4 << 16, 10
+NONE, LIMIT, STEP, MIN_PAIRS = -1, 13_107, 4 << 16, 16
 
 
 def neighbours(rest: Ints, absent: Flags) -> tuple[Ints, Ints]:
@@ -37,16 +37,13 @@ def has_slipped(rest: Ints, moved: Ints, lost: Flags, absent: Flags) -> bool:
     known = np.append(~lost & ~absent, False)  # NONE is not
     y = rest[:, 1] + moved[:, 1]
     count = np.zeros((HEIGHT // 4, 5), int)  # pairs; to either side along x, y
-    for i, next_below in enumerate(below):
-        j = next_below
-        steps = 1 if j == NONE or known[j] else 2
-        j = below[j] if steps == 2 else j
+    for i, j in enumerate(below):
         if not (known[i] and known[j]):
             continue
         beside = [moved[b] - moved[a] for a, b in ((above[i], i), (j, below[j])) if known[a] and known[b]]
         if not beside:
             continue
-        bend = len(beside) * (moved[j] - moved[i]) - steps * sum(beside)
+        bend = len(beside) * (moved[j] - moved[i]) - sum(beside)
         first, last = max(-(-int(y[i]) // STEP), 0), min(int(y[j]) // STEP, len(count) - 1)
         sides = [axis > len(beside) * LIMIT for axis in (*bend, *-bend)]
         count[first : last + 1] += np.array([1, *sides])
@@ -57,7 +54,7 @@ def test_slipped_pins_are_the_mirrors() -> None:
     door = ctypes.CDLL(str(native_folder() / "libruffini_stages.so")).stages_slipped_pins
     rng, told = np.random.default_rng(3), {False: [0, 0], True: [0, 0]}
     for turn in range(240):
-        n = 2 * int(rng.integers(100, 160))
+        n = 2 * int(rng.integers(240, 300))
         angle, radius = rng.uniform(0, 2 * np.pi, n), 100 * np.sqrt(rng.uniform(0, 1, n))
         away = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
         place = away + np.array([160, 120]) + np.repeat([[0, 0], [WIDTH, 0]], n // 2, axis=0)
