@@ -23,6 +23,7 @@
 #include "image/poisson.h"
 #include "image/printed_markers.h"
 #include "image/rest.h"
+#include "image/slipped_pins.h"
 #include "image/slipped_rows.h"
 #include "image/texture_flow.h"
 #include "image/trigonometry.h"
@@ -310,6 +311,13 @@ int stages_slip(void* handle, const uint8_t* mask, const int32_t* force, const i
 int stages_slipped_rows(int n_x, int n_y, const int32_t* markers, int are_patches) {
   const RowsOf what = are_patches != 0 ? RowsOf::kPatches : RowsOf::kDots;
   return has_slipped_rows(get_markers(markers, n_x * n_y), {n_x, n_y}, what) ? 1 : 0;
+}
+
+// `rest`, `now`: as those of stages_rim_motion.
+int stages_slipped_pins(int n, int n_views, int height, const int32_t* rest, const int32_t* now) {
+  SlippedPins pins(height);
+  pins.learn(get_markers(rest, n), static_cast<size_t>(n_views));
+  return pins.run(get_markers(now, n)) ? 1 : 0;
 }
 
 // Of each of `n` frames: 1 coarse, 2 off the curve. `rest`: the image; `rest_frames`: whose ties count.

@@ -41,6 +41,8 @@ Show = Callable[[Picture], Frame]
 N_RENDERS, N_GOOD, N_BAD, MOST_BETWEEN, N_OLD = 24, 3, 4, 12, 9
 UNCALIBRATED, VALID = 2 | 4, 1
 LEAST_N, SHARE = 0.1, 0.1
+ZERO_FRAMES = (0, 8, 40)
+N_NOTES = 3  # wrong sequences that a row names
 MOST_TRIES, STEPS = 6, 3
 
 
@@ -230,6 +232,14 @@ class Tally:
     worst_n: float = 0.0
     notes: list[str] = field(default_factory=list)
 
+    def add(self, worst_n: float, label: str) -> None:
+        """Count a sequence; `worst_n` is what wrong_by says of its worst frame."""
+        self.tried += 1
+        if worst_n:
+            self.wrong += 1
+            self.worst_n = max(self.worst_n, worst_n)
+            self.notes.append(f"{label}: {worst_n:.2f} N")
+
 
 def rows(seed: int, quick: bool) -> Iterator[Row]:
     """A row for each kind of fault on each board."""
@@ -275,8 +285,31 @@ def board_rows(name: str, press: Press, seed: int, quick: bool) -> Iterator[Row]
                 now = rest if i % 2 else pressed[int(rng.integers(len(pressed)))]
                 before = pressed[int(rng.integers(len(pressed)))] if i % 2 else rest
                 _sequence(show, rest, now, before, label, case, kind.startswith("old"), rng, tally)
-            note = f"{len(pressed)} states; " + "; ".join(tally.notes[:3])
+            note = f"{len(pressed)} states; " + "; ".join(tally.notes[:N_NOTES])
             yield Row(f"{name} {kind}", tally.tried, tally.tried - tally.wrong, tally.wrong, tally.worst_n, note)
+        rng = np.random.default_rng([seed, len(KINDS), *name.encode()])
+        yield _zero_row(name, pipeline, show, rest, pressed, rng, 2 * n_cases)
+
+
+def _zero_row(
+    name: str, pipeline: Pipeline, show: Show, rest: State, pressed: list[State], rng: np.random.Generator, n: int
+) -> Row:
+    """A press that begins in any frame of learning rest and stays; afterwards rest is learned from good frames."""
+    tally = Tally()
+    for _ in range(n):
+        asked, now = int(rng.choice(ZERO_FRAMES)), pressed[int(rng.integers(len(pressed)))]
+        n_learned = asked or pipeline.board.pipeline.n_rest_frames
+        n_free = int(rng.integers(0, n_learned))
+        pipeline.zero(asked)
+        for _ in range(n_free):
+            show(rest.frame())
+        errors = [wrong_by(show(now.frame()), now) for _ in range(n_learned + 2)]
+        tally.add(max(errors), f"{asked} frames, pressed from frame {n_free} on, {np.round(now.force_n, 2).tolist()} N")
+        pipeline.zero(0)
+        for _ in range(pipeline.board.pipeline.n_rest_frames + N_GOOD):
+            show(rest.frame())
+    return Row(f"{name} rest: zeroed with a press in it", tally.tried, tally.tried - tally.wrong, tally.wrong,
+               tally.worst_n, f"{len(pressed)} states; " + "; ".join(tally.notes[:N_NOTES]))  # fmt: skip
 
 
 def _is_right(show: Show, rest: State, state: State) -> bool:
@@ -310,10 +343,6 @@ def _sequence(
     if is_of_old:
         show(now.frame())
     worst = max(wrong_by(show(picture), now) for picture in case(now, old, rng))
-    tally.tried += 1
-    if worst:
-        tally.wrong += 1
-        tally.worst_n = max(tally.worst_n, worst)
-        state = "untouched" if now is rest else f"{np.round(now.force_n, 2).tolist()} N"
-        tally.notes.append(f"{label} on {state}: {worst:.2f} N")
+    state = "untouched" if now is rest else f"{np.round(now.force_n, 2).tolist()} N"
+    tally.add(worst, f"{label} on {state}")
     _go_back(show, rest)

@@ -6,6 +6,7 @@
 #include "image/marker_hole.h"
 #include "image/pitch_check.h"
 #include "image/printed_markers.h"
+#include "image/slipped_pins.h"
 #include "image/slipped_rows.h"
 #include "image/texture_flow.h"
 
@@ -18,6 +19,7 @@ class MarkersStage final : public Stage {
  public:
   explicit MarkersStage(const StageContext& c)
       : board_(c.board),
+        slipped_pins_(c.board.camera.height_px),
         difference_(c.slots.read<Slot::kDifference>()),
         markers_(c.slots.write<Slot::kMarkers>()),
         features_(c.slots.write<Slot::kFeatures>()) {
@@ -45,6 +47,7 @@ class MarkersStage final : public Stage {
       // Of twice as many dots, every second one would do.
       is_other_pad_ = (!has_camera_map_ && !pitch_fits(printed_->markers(), board_)) ||
                       printed_->n_dots_at_rest() > 2 * board_.markers.lattice.count();
+      if (board_.markers.has_views) slipped_pins_.learn(printed_->markers(), printed_->n_views());
       for (size_t i = 0; i < markers_.view.size(); ++i) {
         markers_.view[i].was_seen_at_rest = printed_->was_seen_at_rest(i);
       }
@@ -86,7 +89,8 @@ class MarkersStage final : public Stage {
   }
 
   // A view of several that has lost too many, or that never saw them, counts as blind; the others see.
-  [[nodiscard]] bool are_views_lost(uint32_t& flags) const {
+  [[nodiscard]] bool are_views_lost(uint32_t& flags) {
+    if (slipped_pins_.run(markers_.marker)) flags |= kFlagPicture;
     size_t n_blind = 0;
     for (size_t view = 0; view < markers_.view.size(); ++view) {
       if (markers_.is_blind(view, board_.markers.max_lost)) ++n_blind;
@@ -98,6 +102,7 @@ class MarkersStage final : public Stage {
   BoardSettings board_;
   std::optional<PrintedMarkers> printed_;
   std::optional<TextureFlow> flow_;
+  SlippedPins slipped_pins_;  // of views
   bool has_camera_map_ = false;
   bool is_other_pad_ = false;
   const SlotData<Slot::kDifference>& difference_;

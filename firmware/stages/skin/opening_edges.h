@@ -1,5 +1,5 @@
-// Detects a moved camera and an altered curve of grey levels from the edges of a glowing skin's openings. Touches change
-// how bright openings are, not where their edges lie, nor how an edge's level compares with the opening's.
+// Detects a moved camera and an altered curve of grey levels from the edges of a glowing skin's openings. Touches
+// change how bright openings are, not where their edges lie, nor how an edge's level compares with the opening's.
 //
 //   sample   strongest gradient g of base in a block of 8 x 8 pixels, central differences, above kMinGradient
 //   r        light base - glow, clamped to +-|g|        light: image/taxels.h; glow, base: image/glow.h
@@ -9,10 +9,10 @@
 //   moved       |d_x| or |d_y| > 0.2 px in any sector
 //   off curve   |edge - light| > 0.8 %
 //
-// Shares of light, as by warming panels, change neither. On the twin touches of up to 33 N make d at most 0.02 px and edge -
-// light 0.1 to 0.3 %; a turn by 0.1 degrees makes d 0.1 px, a gamma of 1.035 or 0.97 makes edge - light 1.1 and 2.3 %. Limits:
-// sectors of fewer than kMinSamples samples, pictures of fewer than kMinCells cells. Not in the paper. Frame thread; no
-// allocation after the constructor but in learn().
+// A change of all light by the same share, as by warming panels, changes neither. On the twin, touches of up to 33 N
+// cause d of at most 0.02 px and edge - light of 0 to 0.3 %; a turn of 0.1 degrees causes d of 0.1 px, a gamma of 1.035
+// or 0.97 an edge - light of -1.4 and 2.3 %. Limits: sectors with fewer than kMinSamples samples, pictures with fewer
+// than kMinCells cells. Not in the paper. Frame thread; no allocation after the constructor but in learn().
 #pragma once
 
 #include <array>

@@ -1,0 +1,85 @@
+#include "image/slipped_pins.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <limits>
+
+#include "base/fixed.h"
+
+namespace ruffini {
+namespace {
+
+constexpr int64_t kLimitQ16 = 13'107;  // 0.2 px: a slip by a pixel may be shared by the markers that it tears
+constexpr int kStepPx = 4;
+constexpr int64_t kStepQ16 = int64_t{kStepPx} << 16;
+constexpr int kMinPairs = 16;
+constexpr int kReachPart = 8;  // of the picture's height
+
+}  // namespace
+
+SlippedPins::SlippedPins(int height_px)
+    : reach_q16_((int64_t{height_px} << 16) / kReachPart), lines_(static_cast<size_t>(height_px / kStepPx)) {}
+
+void SlippedPins::learn(std::span<const Marker> markers, size_t n_views) {
+  above_.assign(markers.size(), kNone);
+  below_.assign(markers.size(), kNone);
+  const size_t n_in_view = markers.size() / std::max<size_t>(n_views, 1);
+  for (size_t i = 0; i < n_in_view * n_views; ++i) {
+    if (markers[i].is_absent) continue;
+    std::array<int64_t, 2> nearest{std::numeric_limits<int64_t>::max(), std::numeric_limits<int64_t>::max()};
+    const size_t first = i / n_in_view * n_in_view;
+    for (size_t j = first; j < first + n_in_view; ++j) {
+      const int64_t dx = int64_t{markers[j].rest_x.raw()} - markers[i].rest_x.raw();
+      const int64_t dy = int64_t{markers[j].rest_y.raw()} - markers[i].rest_y.raw();
+      if (markers[j].is_absent || dy == 0 || std::abs(dx) > std::abs(dy) || std::abs(dy) > reach_q16_) continue;
+      const int64_t square = dx * dx + dy * dy;
+      const size_t side = dy > 0 ? 1 : 0;
+      if (square >= nearest[side] || square > reach_q16_ * reach_q16_) continue;
+      nearest[side] = square;
+      (side == 1 ? below_ : above_)[i] = static_cast<int>(j);
+    }
+  }
+}
+
+bool SlippedPins::run(std::span<const Marker> markers) {
+  std::fill(lines_.begin(), lines_.end(), Line{});
+  const auto is_known = [&](int i) {
+    return i != kNone && !markers[static_cast<size_t>(i)].is_lost && !markers[static_cast<size_t>(i)].is_absent;
+  };
+  const auto moved = [&](int i, size_t axis) -> int64_t {
+    const Marker& m = markers[static_cast<size_t>(i)];
+    return axis == 0 ? m.displacement_x.raw() : m.displacement_y.raw();
+  };
+  const auto y_of = [&](int i) { return int64_t{markers[static_cast<size_t>(i)].rest_y.raw()} + moved(i, 1); };
+  for (int i = 0; i < static_cast<int>(below_.size()); ++i) {
+    const int j = below_[static_cast<size_t>(i)];
+    if (!is_known(i) || !is_known(j)) continue;
+    const int before = above_[static_cast<size_t>(i)];
+    const int after = below_[static_cast<size_t>(j)];
+    const int64_t n_beside = (is_known(before) ? 1 : 0) + (is_known(after) ? 1 : 0);
+    if (n_beside == 0) continue;
+    const int64_t first = std::max<int64_t>(floor_div(y_of(i) + kStepQ16 - 1, kStepQ16), 0);
+    const int64_t last = std::min<int64_t>(floor_div(y_of(j), kStepQ16), std::ssize(lines_) - 1);
+    std::array<int, 2> sign{};
+    for (size_t axis = 0; axis < 2; ++axis) {
+      int64_t bend = n_beside * (moved(j, axis) - moved(i, axis));
+      if (is_known(before)) bend -= moved(i, axis) - moved(before, axis);
+      if (is_known(after)) bend -= moved(after, axis) - moved(j, axis);
+      sign[axis] = bend > n_beside * kLimitQ16 ? 1 : bend < -n_beside * kLimitQ16 ? -1 : 0;
+    }
+    for (int64_t k = first; k <= last; ++k) {
+      Line& line = lines_[static_cast<size_t>(k)];
+      ++line.n;
+      for (size_t axis = 0; axis < 2; ++axis) {
+        line.n_more[axis] += sign[axis] > 0 ? 1 : 0;
+        line.n_less[axis] += sign[axis] < 0 ? 1 : 0;
+      }
+    }
+  }
+  return std::any_of(lines_.begin(), lines_.end(), [](const Line& line) {
+    const int most = std::max({line.n_more[0], line.n_more[1], line.n_less[0], line.n_less[1]});
+    return line.n >= kMinPairs && 2 * most >= line.n;
+  });
+}
+
+}  // namespace ruffini
