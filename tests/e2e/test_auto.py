@@ -7,10 +7,13 @@ import contextlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from tiny_twin import Twin
 
+from ruffini.boards import Board
 from ruffini.calibrate import container, gates
 from ruffini.calibrate.auto.page import table_of
 from ruffini.calibrate.auto.run import Auto, Opened, Site
@@ -18,6 +21,9 @@ from ruffini.calibrate.auto.truth import Truth
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated
 from ruffini.errors import RefusedError
+from ruffini.estimators.material import stage as material
+from ruffini.estimators.material.fit import MaterialFit, fit_material
+from ruffini.estimators.material.model import MaterialLog
 from ruffini.estimators.operator.task import TASK as FORCES
 from ruffini.estimators.task import Counts
 from ruffini.rig.program import Span
@@ -47,6 +53,21 @@ def auto(twin: Twin, folder: Path, opened: list[str], *, force: bool) -> Auto:
     return Auto(twin.board, FORCES, Site(site, SPAN, None, True), folder, COUNTS, 1, lambda _: None, force=force)
 
 
+@pytest.fixture
+def _fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seconds of the fit are spent once: the run that goes on has the log of the run before."""
+    made: list[tuple[MaterialLog, MaterialFit]] = []
+
+    def fit_once(board: Board, log: MaterialLog, *arguments: Any, **options: Any) -> MaterialFit:
+        if not made:
+            made.append((log, fit_material(board, log, *arguments, **options)))
+        assert np.array_equal(made[0][0].wrench, log.wrench)
+        return made[0][1]
+
+    monkeypatch.setattr(material, "fit_material", fit_once)
+
+
+@pytest.mark.usefixtures("_fitted_once")
 def test_collects_fits_flashes_and_judges_then_goes_on_where_it_was(
     bench_twin: Twin,
     tmp_path: Path,

@@ -7,8 +7,10 @@ import re
 import runpy
 import shlex
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import NoReturn
 
 import pytest
@@ -79,6 +81,19 @@ def scripts() -> list[tuple[str, list[str]]]:
 
 @pytest.mark.parametrize("words", scripts(), ids=" ".join)
 def test_a_script_takes_what_a_text_gives_it(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    parses(words, monkeypatch)
+
+
+def test_a_script_has_its_own_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another folder's module of the same name may be loaded: two have a run.py."""
+    other = ModuleType("run")
+    monkeypatch.setitem(sys.modules, "run", other)
+    parses(("tests/bench/against_opencv.py", "--board", "ftouch"), monkeypatch)
+    assert sys.modules["run"] is other
+
+
+def parses(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a script until it has parsed its arguments."""
     parse = argparse.ArgumentParser.parse_args
 
     def stop(*arguments: object) -> NoReturn:
@@ -87,9 +102,17 @@ def test_a_script_takes_what_a_text_gives_it(words: tuple[str, ...], monkeypatch
 
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stop)
     monkeypatch.setattr("sys.argv", [words[0], *(word.strip("[]") for word in words[1:])])
-    monkeypatch.syspath_prepend(str((ROOT / words[0]).parent))
-    with pytest.raises(ParsedError):
-        runpy.run_path(str(ROOT / words[0]), run_name="__main__")
+    folder = (ROOT / words[0]).parent
+    monkeypatch.syspath_prepend(str(folder))
+    neighbours = {path.stem for path in folder.glob("*.py")}
+    others = {name: sys.modules.pop(name) for name in neighbours & sys.modules.keys()}
+    try:
+        with pytest.raises(ParsedError):
+            runpy.run_path(str(ROOT / words[0]), run_name="__main__")
+    finally:
+        for name in neighbours & sys.modules.keys():
+            del sys.modules[name]
+        sys.modules.update(others)
 
 
 def test_files_of_tests_are_there() -> None:
