@@ -286,7 +286,8 @@ class LibcameraCamera : public Camera {
       session_->n_done = 0;
     }
     for (const auto& request : session_->requests) request->reuse(lc::Request::ReuseBuffers);
-    if (!start()) return end("gave no frames and did not start again: dmesg says more");
+    // An unplug may become visible only while the camera is started again.
+    if (!start()) return end(is_gone() ? "was unplugged" : "gave no frames and did not start again: dmesg says more");
     return CaptureStatus::kNothing;
   }
 

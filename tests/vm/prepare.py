@@ -93,6 +93,7 @@ BOARDS |= {
     "vmblue": OF_USB.replace("white_kelvin = 5000", "white_kelvin = 9000"),
 }
 N_REST = 12  # pictures before the first touch: the board learns its rest image on 8
+N_STILL = 40  # of an untouched pad, in a loop: a picture that is like one of the last 31 counts as an old one
 CAMERA = """"{name}":
   supported_formats:
   - width: {width}
@@ -142,11 +143,11 @@ def write_jpeg(path: Path, bgr: Picture) -> None:
     Image.fromarray(limited_709(bgr), "YCbCr").save(path, "JPEG", quality=100, subsampling=2)
 
 
-def play_story(unit: TwinUnit) -> tuple[list[Picture], npt.NDArray[np.float64]]:
+def play_story(unit: TwinUnit, story: list[Step]) -> tuple[list[Picture], npt.NDArray[np.float64]]:
     """The story's pictures and, of each, the true wrench, (n, 6), N and N m."""
     scenario, renderer = Scenario(seed=3), unit.renderer()
     pictures, wrenches, before = [], [], None
-    for k, moment in enumerate(play(unit, STORY)):
+    for k, moment in enumerate(play(unit, story)):
         now = moment.displacement.copy()
         pictures.append(scenario.picture(renderer, k, now, before))
         wrenches.append(moment.wrench())
@@ -163,7 +164,8 @@ def main() -> None:
     board = find_board(out / "vmpad")
     with tempfile.TemporaryDirectory() as folder:
         twin = make_twin(Sensor(board, out / "vmpad", out, make_calibration(board).data), Path(folder))
-    pictures, wrenches = play_story(twin.unit)
+    pictures, wrenches = play_story(twin.unit, STORY)
+    still, _ = play_story(twin.unit, [Rest(N_STILL)])
     (out / "calibration.safetensors").write_bytes(twin.calibration)
     np.savez(out / "truth.npz", pictures=np.array(pictures), wrench=wrenches)
     cameras = (CAMERAS / "virtual.yaml").read_text().replace("/src/tests/data/cameras", "/vm")
@@ -177,7 +179,7 @@ def main() -> None:
     }
     for name, part in columns.items():
         (out / name).mkdir()
-        for k, picture in enumerate(pictures if name == "VirtualPress" else pictures[:N_REST]):
+        for k, picture in enumerate(pictures if name == "VirtualPress" else still):
             write_jpeg(out / name / f"{k}.jpg", picture[:, part])
         cameras += CAMERA.format(name=name, width=len(picture[0, part]), height=len(picture))
     (out / "virtual.yaml").write_text(cameras)
