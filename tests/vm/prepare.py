@@ -93,7 +93,9 @@ BOARDS |= {
     "vmblue": OF_USB.replace("white_kelvin = 5000", "white_kelvin = 9000"),
 }
 N_REST = 12  # pictures before the first touch: the board learns its rest image on 8
-N_STILL = 40  # of an untouched pad, in a loop: a picture that is like one of the last 31 counts as an old one
+# A picture that is like one of the last 31 counts as an old one, so the loops are longer, with room for frames that a
+# slow computer skips: of an untouched pad, and of the story told several times with other noise.
+N_STILL, N_TELLINGS = 120, 4
 CAMERA = """"{name}":
   supported_formats:
   - width: {width}
@@ -164,10 +166,10 @@ def main() -> None:
     board = find_board(out / "vmpad")
     with tempfile.TemporaryDirectory() as folder:
         twin = make_twin(Sensor(board, out / "vmpad", out, make_calibration(board).data), Path(folder))
-    pictures, wrenches = play_story(twin.unit, STORY)
+    pictures, wrenches = play_story(twin.unit, STORY * N_TELLINGS)
     still, _ = play_story(twin.unit, [Rest(N_STILL)])
     (out / "calibration.safetensors").write_bytes(twin.calibration)
-    np.savez(out / "truth.npz", pictures=np.array(pictures), wrench=wrenches)
+    np.savez(out / "truth.npz", pictures=np.array(pictures), wrench=wrenches, n_told=len(pictures) // N_TELLINGS)
     cameras = (CAMERAS / "virtual.yaml").read_text().replace("/src/tests/data/cameras", "/vm")
     (out / "stripes.jpg").write_bytes((CAMERAS / "stripes.jpg").read_bytes())
     half = board.camera.width_px // 2
