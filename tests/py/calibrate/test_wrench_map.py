@@ -13,7 +13,7 @@ from kept import kept
 from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.errors import InputError
-from ruffini.estimators.wrench.fit import Fit, fit_wrench_map
+from ruffini.estimators.wrench.fit import Fit, fit_wrench_map, folds_of
 from ruffini.estimators.wrench.log import FeatureRun, Features
 from ruffini.estimators.wrench.model import AXES, frames_of, memories
 from ruffini.estimators.wrench.tables import map_in, tables
@@ -98,6 +98,16 @@ def test_a_lag_that_one_recording_decides_is_not_the_logs() -> None:
     paired = [behind(run, 0.0) for run in recordings(6)]
     assert fitted([*paired[:5], behind(recordings(6)[5], 0.06, 60.0)]).lag_s == 0
     assert fitted([behind(run, 0.06) for run in recordings(6)]).lag_s == pytest.approx(0.06, abs=0.004)
+
+
+@pytest.mark.parametrize(("n", "n_folds"), [(2, 2), (7, 7), (10, 10), (11, 5)])
+def test_of_few_recordings_each_is_left_out_alone(n: int, n_folds: int) -> None:
+    frames = frames_of(recordings(n), 0.0)
+    folds = folds_of(frames, "recording")
+    assert len(folds) == n_folds
+    assert np.sum(folds, axis=0).tolist() == [1] * len(frames.features), "each frame is left out once"
+    for left in folds:
+        assert not set(frames.recording[left]) & set(frames.recording[~left])
 
 
 def test_quadratic_terms_stay_where_they_pay() -> None:
