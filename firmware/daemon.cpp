@@ -87,14 +87,15 @@ void Daemon::capture_loop() {
 bool Daemon::capture_once() {
   using namespace std::chrono_literals;
   exchange_.is_camera_live = !options_.is_lockstep;
-  ++exchange_.capture_iterations;
   const std::optional<int> index = pool_.lend();
   if (!index) {
+    ++exchange_.capture_iterations;
     std::this_thread::sleep_for(100us);
     return true;
   }
   FrameLease lease(pool_, *index);
   const CaptureStatus status = devices_.camera->capture(pool_[*index]);
+  ++exchange_.capture_iterations;  // before the frame is posted: a frame processed implies that capture went on
   if (status == CaptureStatus::kEnd) return false;
   if (status == CaptureStatus::kNothing) return true;
   ++exchange_.frames_captured;

@@ -79,7 +79,7 @@ struct Exchange {
   std::atomic<uint64_t> frames_missed{0};    // numbers that the camera skipped
   std::atomic<uint64_t> frames_repeated{0};  // discarded (capture/frame_order.h)
   std::atomic<uint64_t> time_faults{0};
-  std::atomic<uint64_t> capture_iterations{0};  // iterations of its loop, for the watchdog
+  std::atomic<uint64_t> capture_iterations{0};  // returns of its wait for a frame, for the watchdog
 };
 
 }  // namespace ruffini
