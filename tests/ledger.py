@@ -7,7 +7,7 @@ adds executions to the targets named.
 python tests/ledger.py simulation build/ruffini_simulation 100
 
 simulates so many device-hours, from the seed after the last one in the ledger on, and adds a row; none where a promise
-was broken. `make soak` does that. Whoever has run `make fuzz LEDGER=1` commits the file with the change that was
+was broken. `make soak` does that. After `make fuzz LEDGER=1` commit the file with the change that was
 fuzzed.
 """
 

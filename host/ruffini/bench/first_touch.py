@@ -51,7 +51,7 @@ class _Judged:
             pipeline.close()
 
     def learn(self) -> None:
-        """Rest, anew."""
+        """Learn rest again."""
         for pipeline in self.pipelines.values():
             pipeline.zero()
             self.scene.learn(pipeline)

@@ -154,7 +154,7 @@ def verify(file: container.CalibrationFile) -> str:
 
 
 def read_verified(path: Path) -> container.CalibrationFile:
-    """Read a file whose data is to be signed anew: a new signature would hide that it was spoilt.
+    """Read a file whose data is to be signed again: a new signature would hide damage.
 
     Raises
     ------

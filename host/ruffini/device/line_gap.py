@@ -10,7 +10,7 @@ class LineGap:
     """A time without line."""
 
     lost_s: float
-    n_frames: int | None  # that were not received; None: the sensor was started again and counts anew
+    n_frames: int | None  # that were not received; None: the sensor was started again and counts from 0
 
     def __str__(self) -> str:
         missing = "it was started again" if self.n_frames is None else f"{self.n_frames} frames missing"

@@ -1,4 +1,4 @@
-"""Learn the rest image anew and wait for the result."""
+"""Learn the rest image again and wait for the result."""
 
 from __future__ import annotations
 

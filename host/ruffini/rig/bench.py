@@ -62,7 +62,7 @@ class Bench:
     max_hold_s: float = MAX_HOLD_S
     mount: Callable[[Tool], None] | None = None  # puts an indenter there; None: the person is asked
     drift: Array = field(default_factory=lambda: np.zeros(6))  # of the reference, since it was first tared
-    guide: Guide = field(default_factory=Guide)  # what it is at, for whoever looks on
+    guide: Guide = field(default_factory=Guide)  # its current step, for the page
 
     def put_on(self, tool: Tool) -> None:
         """Mount another indenter on the stage; raises RefusedError if the person declines."""

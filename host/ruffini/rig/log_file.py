@@ -163,7 +163,7 @@ class Log(NamedTuple):
 
 
 def read_log(path: Path) -> Log:
-    """Read a log, whoever wrote it.
+    """Read a log of any program.
 
     Raises
     ------

@@ -107,7 +107,7 @@ class PressedTwin:
             self._rig.rest()
             self._is_free = True
         elif isinstance(load, Pose):
-            if self._is_free:  # each touch begins anew: nothing sticks to what was
+            if self._is_free:  # each touch starts fresh: nothing sticks to earlier ones
                 self._rig.take(self._indenter)
                 self._is_free = False
             self._rig.advance(load)

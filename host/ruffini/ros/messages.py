@@ -1,4 +1,4 @@
-"""A frame as ROS 2 messages, whoever serialises them: rosbags' types (`cdr`) or rclpy (`rclpy_node`).
+"""A frame as ROS 2 messages for either serialiser: rosbags' types (`cdr`) or rclpy (`rclpy_node`).
 
 SI units. Frame of all: origin at the centre of the undeformed pad's surface, x right and y down in the camera's image,
 z out of the pad; forces act ON the pad. A number that is not VALID is NaN, never zero. What rests on a simulated camera

@@ -51,7 +51,7 @@ def node_token(domain: int, zid: str, node: str) -> str:
 
 
 def namesakes_key(domain: int, node: str) -> str:
-    """Tokens of all nodes of this name in the root namespace, whoever made them."""
+    """Tokens of all nodes of this name in the root namespace, of any process."""
     return f"@ros2_lv/{domain}/*/*/*/NN/*/%/{mangled(node)}"
 
 

@@ -91,7 +91,7 @@ def study(
 
 def _unit(board: Board, modulus: float, thickness: float) -> Unit:
     unit = build_unit(board, PadError(thickness=thickness) if thickness != 1 else None)
-    if type(unit) is TwinUnit:  # a linear slab's compliance goes with 1 / E: nothing is solved anew
+    if type(unit) is TwinUnit:  # a linear slab's compliance goes with 1 / E: nothing is solved again
         model = replace(unit.model, modulus_pa=unit.model.modulus_pa * modulus)
         return replace(unit, model=model, compliance=unit.compliance / modulus)
     return unit if modulus == 1 else build_unit(board, PadError(modulus=modulus, thickness=thickness))

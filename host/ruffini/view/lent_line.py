@@ -16,7 +16,7 @@ from ruffini.wire import Frame
 
 TELL_S = 0.1  # between two states
 GOODBYE_S = 2.0  # real: that long a page has time to take the last one
-ANSWERS = ("HELLO", "SCHEMA", "REPLY", "TIME")  # are of whoever owns the line
+ANSWERS = ("HELLO", "SCHEMA", "REPLY", "TIME")  # belong to the owner of the line
 BUSY = "a collection goes on with this sensor: its page only looks on; end it first"
 
 

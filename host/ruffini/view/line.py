@@ -52,7 +52,7 @@ class Line(ABC):
 
     @abstractmethod
     def hear(self, told: dict[str, Any]) -> None:
-        """What a page says to whoever asks it something."""
+        """A message of a page, for example the answer to a question."""
 
     @abstractmethod
     async def say_goodbye(self) -> None:

@@ -27,7 +27,7 @@ export class Charts {
     return this.time.length;
   }
 
-  /** Make the plots anew: units or colours have changed. */
+  /** Rebuild the plots: units or colours have changed. */
   rebuild(unit: Unit): void {
     this.unit = unit;
     for (const plot of this.plots) plot.destroy();

@@ -21,7 +21,7 @@ export function button(label: string, key: string, hint: string, press: () => vo
   return element;
 }
 
-/** Text that is the same is not written again: the browser would lay the page out anew. */
+/** Text that is the same is not written again: the browser would lay the page out again. */
 export function write(element: Element, text: string): void {
   if (element.textContent !== text) element.textContent = text;
 }

@@ -60,7 +60,7 @@ class Job:
     material: Material | None = None  # None: the board's
     stiffness_sigma: float | None = None  # relative, of its force; None: what make_operator takes
     fit: MaterialFit | None = None
-    has_new_colours: bool = False  # what a log measured with other ones is computed anew from its pictures
+    has_new_colours: bool = False  # a log measured with other ones is computed again from its pictures
     instant_gain: float = 1.0  # E at the instant over the fitted one, which is that of a held touch
     noise: Noise | None = None
     matrix: Array | None = None  # float64 of the operator

@@ -76,7 +76,7 @@ def read_touch_log(
     """All touches of one unit, from one file or several.
 
     calibration : what turns the pictures of a recording into displacement (camera, colours); logs of the rig need none.
-    from_pictures : also a rig's log is seen anew, in its pictures, with `calibration`: its colours are other ones.
+    from_pictures : compute a rig's log again from its pictures with `calibration`, whose colours differ.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """What a frame's own light makes of all colours alike, as firmware/image/light.h measures it.
 
-Cameras that set their white or exposure anew under every touch change all pixels by one factor a channel: on recorded
+Cameras that set their white or exposure again under every touch change all pixels by one factor a channel: on recorded
 presses blue by -8 to +16 % and red by -14 to +5 %, as much as a slope of 30 degrees does.
 """
 

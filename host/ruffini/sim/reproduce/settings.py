@@ -71,7 +71,7 @@ class RigSettings(Section):
 class MountSettings(Section):
     """[[mount]]: what the reference sensor's sideways channels are off by while this indenter is bolted to it.
 
-    Standard deviations of a zero that is drawn anew for every run, along x and y, and about each axis.
+    Standard deviations of a zero that is drawn for every run, along x and y, and about each axis.
     """
 
     indenter: Annotated[str, Field(min_length=1)]
