@@ -3,8 +3,8 @@
 d = |shift - shift'| / sigma over all coordinates that both eyes see: shifts of the twin's true wall under the pins,
 without noise (that tips turn with the wall makes it about 1.6 times as much); sigma from two recordings of one press.
 Two tools that are d apart are taken for one another with the probability Phi(-d / 2) by an observer who knows both
-pictures by heart. Of a tool that stands at X or at -X nobody errs by less than 2 |X| Phi(-d / 2) on the mean: `least_mm` is that,
-over the tests along X that are in pairs.
+pictures by heart. Of a tool that stands at X or at -X nobody errs by less than 2 |X| Phi(-d / 2) on the mean:
+`least_mm` is that, over the tests along X that are in pairs.
 """
 
 from __future__ import annotations
