@@ -244,14 +244,15 @@ def board_keys() -> str:
     lines = [
         "# Keys of board.toml\n",
         "From the table in [boards](../../boards/README.md#boardtoml), which a test compares with the parser. "
-        "Every key is required unless its line says otherwise.\n",
+        "Every key is required unless its line says otherwise. The unit ends the name: `_mpx` is 1/1000 pixel, "
+        "`_mhz` 1/1000 Hz, `_un` micronewton, `_1e3` 1/1000.\n",
     ]
     table = (ROOT / "boards" / "README.md").read_text().partition("\n## board.toml\n")[2].partition("\n## ")[0]
     for line in table.splitlines():
-        if opened := re.match(r"\| \*\*`\[(\w+)\]`\*\* \| \| \|(.*)\|$", line):
+        if opened := re.match(r"\| \*\*`\[(\w+)\]`\*\* \| \|(.*)\|$", line):
             about = linked(opened[2].strip())
-            lines += ["", f"## {opened[1]}\n", *([about, ""] if about else []), "| key | unit | range | meaning |"]
-            lines.append("| --- | --- | --- | --- |")
+            lines += ["", f"## {opened[1]}\n", *([about, ""] if about else []), "| key | range | meaning |"]
+            lines.append("| --- | --- | --- |")
         elif re.match(r"\| `\w+`", line) and len(lines) > 2:
             lines.append(linked(line))
         elif lines[-1].startswith("|") and not line.startswith("|"):
