@@ -111,7 +111,7 @@ struct SkinFrame {
   static constexpr int64_t kOneQ12 = 4096;
   SkinTouchList touches;
   bool is_dark = false;
-  bool is_light_off = false;
+  bool is_light_wrong = false;
   bool has_moved = false;            // the camera against the skin
   int64_t light_q12 = 0;             // of all taxels, relative to rest, minus 1
   int64_t age_q12 = 0;               // light at rest relative to the calibration; 0: unknown

@@ -87,11 +87,11 @@ FrameWatch::Defects FrameWatch::run(const FrameView& frame) {
   }
   add_columns(frame);
   const int64_t n_pixels = std::ssize(at_) * ((frame.height + kLampRows - 1) / kLampRows);
-  Defects defects{.is_broken = is_broken() || has_broken_column(), .is_lamp_off = false};
+  Defects defects{.is_broken = is_broken() || has_broken_column(), .is_light_wrong = false};
   for (size_t c = 0; c < 3; ++c) {
     const bool has_lamp = rest_channel_[c] > kMinLampLevel * n_pixels;
     const bool is_off = 2 * channel[c] < rest_channel_[c] || channel[c] > 2 * rest_channel_[c];
-    defects.is_lamp_off = defects.is_lamp_off || (has_lamp && is_off);
+    defects.is_light_wrong = defects.is_light_wrong || (has_lamp && is_off);
   }
   return defects;
 }

@@ -27,7 +27,7 @@ class FrameWatch {
  public:
   struct Defects {
     bool is_broken = false;
-    bool is_lamp_off = false;
+    bool is_light_wrong = false;
   };
 
   FrameWatch(int width_px, int height_px);

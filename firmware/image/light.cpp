@@ -16,13 +16,13 @@ constexpr int kLevelQ12 = 61;  // 1.5 %: three times the noise of a sample with 
 constexpr int kNearQ12 = 328;  // 8 %: more than the slopes of half an image, less than those of a contact
 constexpr int kRounds = 3;
 constexpr int32_t kMaxLevelQ16 = 65'536 / 4;
-constexpr ptrdiff_t kMinOfSide = 4;                    // share of its samples
+constexpr ptrdiff_t kMinOfSide = 4;                    // samples
 constexpr int kMaxStepQ12 = 32;                        // 1/128
 constexpr int kStepShift = 8 - 4;                      // Q12 to Q20, a sixteenth
 constexpr int kStillFrames = 16;                       // a quarter of a second at 60 Hz
 constexpr int kStillPxQ16 = 65'536 / 4;                // six times the noise of a marker
 constexpr int kOffStillQ12 = 164;                      // 4 %
-constexpr int kOffAllQ12 = 3 * 246;                    // 6 % of each of three channels
+constexpr int kOffAllQ12 = 3 * 246;                    // 18 %: 6 % in the mean of three channels
 constexpr int32_t kSettled = Rest::kUnitGain / 4'096;  // four times the noise of the gain
 
 PadState state_of(std::span<const Marker> markers) {
@@ -81,7 +81,7 @@ void LightTracker::learn(std::span<const uint16_t> rest, bool has_map) {
     }
   }
   n_still_ = 0;
-  is_off_ = false;
+  is_wrong_ = false;
   gain_ = in_force_ = Rest::unit_gain();
   map_.learn({sample_at_.data(), has_map ? n_samples_ : 0});
 }
@@ -131,7 +131,7 @@ void LightTracker::measure(const std::array<Level, 3>& start) {
 }
 
 void LightTracker::run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest) {
-  is_off_ = false;
+  is_wrong_ = false;
   is_level_reliable_ = false;
   level_.fill(0);
   if (n_samples_ == 0) return;
@@ -149,7 +149,7 @@ void LightTracker::run(std::span<const RelativeChange> change, std::span<const M
   measure(level);
   const PadState pad = state_of(markers);
   const bool is_still = 8 * n_level >= 7 * n_samples_ && pad != PadState::kTouched;
-  is_off_ = (is_still && most > kOffStillQ12) || (2 * n_level >= n_samples_ && std::abs(all) > kOffAllQ12) ||
+  is_wrong_ = (is_still && most > kOffStillQ12) || (2 * n_level >= n_samples_ && std::abs(all) > kOffAllQ12) ||
             (6 * n_level < 5 * n_samples_ && pad == PadState::kAtRest);
   n_still_ = is_still ? std::min(n_still_ + 1, kStillFrames) : 0;
   const bool is_followed = n_still_ == kStillFrames;

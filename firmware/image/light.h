@@ -7,12 +7,13 @@
 //
 // The map of each channel over the picture follows (image/light_map.h).
 //
-// Three numbers cannot follow a contact's shape, and a moved marker or a shaded eighth of the picture stops them: a
-// static contact is never learned. At 60 Hz they follow 2.9 % per second. `is_off`: the light differs from the
-// calibration's and has not been followed yet. That is the case beyond 4 % on an untouched pad; otherwise (half of the
-// samples level) beyond 6 % summed over all channels, which no slope of the surface causes, because it takes from one
-// lamp what it gives to another; or if a sixth of the samples is not level while the markers are at rest, as when part
-// of a lamp fails.
+// One gain per channel cannot take a contact's shape, and a moved marker or a shaded eighth of the picture stops it: a
+// static contact is never learned. At 60 Hz it follows 2.9 % per second. `is_wrong`: the light differs from that at rest
+// and has not been followed yet, any of:
+//   still, and |m| > 4 % in a channel
+//   at least half of the samples level, and |m_B + m_G + m_R| > 18 %: no slope of the surface does that, because it takes
+//     from one lamp what it gives to another
+//   markers at rest, and more than a sixth of the samples not level, as when part of a lamp fails
 //
 // The level is computed from one frame alone, for cameras that change white balance or exposure with every touch: mean
 // of the samples within 8 % of it in all three channels, three rounds starting from the medians. The calibration states
@@ -47,13 +48,13 @@ class LightTracker {
   // map.
   void run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest);
 
-  [[nodiscard]] bool is_off() const { return is_off_ || map_.is_off(); }
+  [[nodiscard]] bool is_wrong() const { return is_wrong_ || map_.is_wrong(); }
   [[nodiscard]] const LightMap& map() const { return map_; }
   // Returns true if an eighth of the samples exceed `level` by more than this in all three channels. With lamps of
   // three colours at different sides, no slope of the surface does that: it takes from one lamp what it gives to
-  // another. 2.5 %: a large object on a real pad raises 1 sample in 17 so far, presses on the twin 1 in 100.
+  // another. 2.5 %: a large object raises 1 sample in 17 on the real recordings tried, presses on the twin 1 in 100.
   static constexpr int kDaylightQ12 = 102;
-  static constexpr int kTiltedQ12 = 328;  // 8 %: the carrier of the pad may come closer to all lamps
+  static constexpr int kDaylightOnTrayQ12 = 328;  // 8 %: the tray of the pad may come closer to all lamps
   [[nodiscard]] bool is_lit_from_outside(int more_q12, const LightLevel& level) const;
   // Returns true if the median of the samples in one outer third of the picture exceeds that in the opposite third by
   // more than 2 % in all three channels. No contact that leaves half of each third free causes this (presses on the
@@ -89,7 +90,7 @@ class LightTracker {
   LightLevel level_{};
   bool is_level_reliable_ = false;
   int n_still_ = 0;  // frames in a row
-  bool is_off_ = false;
+  bool is_wrong_ = false;
   Rest::Gain gain_;
   Rest::Gain in_force_;
   LightMap map_;

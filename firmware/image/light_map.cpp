@@ -85,7 +85,7 @@ void LightMap::learn(std::span<const int32_t> sample_at) {
   }
   for (size_t term = 0; n_samples_ > 0 && term < kTerms; ++term) orthogonalise(term);
   n_frames_ = 0;
-  is_far_ = is_at_limit_ = is_stale_ = false;
+  is_unmatched_ = is_at_limit_ = is_stale_ = false;
   coefficient_ = rate_ = extrapolated_ = {};
   gain_before_ = Rest::unit_gain();
   std::fill(factor_.begin(), factor_.end(), Rest::kUnitGain);
@@ -179,8 +179,8 @@ void LightMap::end_window(bool is_gain_followed, Rest::Gain& gain) {
   for (size_t c = 0; c < 3; ++c) fit(c, a[c]);
   const auto n_out = static_cast<size_t>(std::count(is_out_.begin(), is_out_.end(), uint8_t{1}));
   const bool is_smooth = n_out * kOutShare <= n_samples_;
-  is_far_ = is_smooth ? farthest_q16_ > kFarQ16 : pad_ == PadState::kAtRest && farthest_q16_ > kUnlikeQ16;
-  if (!is_smooth || (is_far_ && pad_ == PadState::kUnknown)) return extrapolate(gain);
+  is_unmatched_ = is_smooth ? farthest_q16_ > kFarQ16 : pad_ == PadState::kAtRest && farthest_q16_ > kUnlikeQ16;
+  if (!is_smooth || (is_unmatched_ && pad_ == PadState::kUnknown)) return extrapolate(gain);
   follow(a, is_gain_followed, gain);
 }
 

@@ -11,12 +11,12 @@
 //
 // A contact has edges that no polynomial of order four can follow: the samples that it shades are excluded from the
 // fit, and if they are more than a 32nd of all samples, nothing is learned. During a contact only the rate from before
-// it counts. The constant term belongs to the gain; it is taken from the fit while no single frame is level.
+// it counts. The constant term is the gain's: it comes from this fit if the gain is not followed frame by frame.
 //
-// `is_off`, any of:
-//   far       a smooth fit differs by more than 0.4 % from its level. With markers at rest the map follows, and the
+// `is_wrong`, any of:
+//   far       a smooth fit varies over the picture by more than 0.4 % from its mean. With markers at rest the map follows, and the
 //             flag ends once it has. Without markers the change could be a large smooth object: it is not followed, and
-//             the flag stays until rest is learned again.
+//             the flag stays until the light returns or rest is learned again.
 //   unlike    markers are at rest, but the change is not smooth and its fit exceeds 1 %: a failed lamp or a shadow.
 //   at limit  a coefficient is at 1/8.
 //   stale     the extrapolation since the last smooth window is beyond 1 %.
@@ -57,7 +57,7 @@ class LightMap {
 
   // Factor on the gain at the nodes of Rest::set_map, Q20.
   [[nodiscard]] std::span<const int32_t> factor() const { return factor_; }
-  [[nodiscard]] bool is_off() const { return is_far_ || is_at_limit_ || is_stale_; }
+  [[nodiscard]] bool is_wrong() const { return is_unmatched_ || is_at_limit_ || is_stale_; }
 
  private:
   using Terms = std::array<int64_t, kTerms>;
@@ -92,7 +92,7 @@ class LightMap {
   Rest::Gain gain_before_ = Rest::unit_gain();
   std::vector<int32_t> factor_;    // planes of B, G and R
   std::vector<int32_t> in_force_;  // values when run() last returned true
-  bool is_far_ = false;
+  bool is_unmatched_ = false;
   bool is_at_limit_ = false;
   bool is_stale_ = false;
 };

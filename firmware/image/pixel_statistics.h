@@ -10,7 +10,7 @@
 //   coarse      ties > 1.2 ties of the rest frames + 0.01: noise is missing, so bits were lost or the picture is
 //               compressed
 //   off curve   |dark + bright| / 2 > 0.8 % with the same sign in all channels, and bright - dark has the opposite sign
-//               and more than a tenth of that size: an offset (black level, daylight) or a gamma. Lamps and exposure
+//               and more than a tenth of it: an offset (black level, daylight) or a gamma. Lamps and exposure
 //               change all levels by the same share instead
 //
 // On the twin a press changes ties by at most 5 % of their value and never reaches 0.8 % in all channels. Limits: ties

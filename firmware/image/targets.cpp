@@ -116,7 +116,7 @@ int TargetTracker::track(std::span<const uint16_t> grey) {
   return n_lost;
 }
 
-bool TargetTracker::is_light_off() const {
+bool TargetTracker::is_light_wrong() const {
   int n_seen = 0;
   int n_off = 0;
   for (const Target& t : targets_) {

@@ -36,7 +36,7 @@ class TargetTracker {
 
   [[nodiscard]] std::span<const Target> targets() const { return targets_; }
   // True if half of the visible targets are a quarter brighter or darker than at rest.
-  [[nodiscard]] bool is_light_off() const;
+  [[nodiscard]] bool is_light_wrong() const;
 
  private:
   void find_spots(std::span<const uint16_t> grey);

@@ -172,7 +172,7 @@ def test_targets_and_their_wrench_over_a_recording() -> None:
             targets.track(grey(picture))
             assert core.targets().tolist() == mirror_rows(targets)
             assert core.features().tolist() == targets.features().tolist()
-            assert bool(said.flags & LIGHT) == targets.is_light_off() == (t == 4)
+            assert bool(said.flags & LIGHT) == targets.is_light_wrong() == (t == 4)
             is_wrong = bool(said.flags & LIGHT)
             warm = (None if celsius is None else round(1000 * celsius), round(1000 * CELSIUS_AT_REST))
             expected = wrench.run(targets.features().tolist(), 0 if is_wrong else 1 + t * 30_000, saturations, warm)

@@ -1,5 +1,5 @@
 // Drift of lamps and exposure (image/light.h), corrected from the next frame on; the current frame has been compared
-// already. For boards that convert colours to depth, and for boards with targets, which the light must show.
+// already. For boards that convert colours to depth, and for boards with targets, which must stay visible.
 #include <algorithm>
 #include <cstdlib>
 
@@ -10,7 +10,8 @@ namespace ruffini {
 namespace {
 
 // Light that deviates by more than 0.05 % from the followed light for this many frames (image/light.h follows a
-// sixteenth per frame) causes depth like that of a faint touch. A touch changes the light less, or begins earlier.
+// sixteenth per frame) causes depth like that of a faint touch. A real touch changes the median by less, or is detected
+// before the light has drifted for so many frames.
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
 
@@ -50,15 +51,15 @@ class LightStage final : public Stage {
     const auto& touched = solve_.mask;  // of the previous frame: an existing contact continues
     light_.is_steady =
         n_drifting_ < kDriftFrames || std::any_of(touched.begin(), touched.end(), [](uint8_t m) { return m != 0; });
-    if (is_off(is_balanced)) frame.flags |= kFlagLight;
+    if (is_wrong(is_balanced)) frame.flags |= kFlagLight;
   }
 
  private:
   [[nodiscard]] bool has_targets() const { return !targets_.target.empty(); }
 
-  [[nodiscard]] bool is_off(bool is_balanced) {
-    if (is_balanced ? !tracker_.is_level_reliable() || tracker_.map().is_off() : tracker_.is_off()) return true;
-    const int daylight_q12 = has_targets() ? LightTracker::kTiltedQ12 : LightTracker::kDaylightQ12;
+  [[nodiscard]] bool is_wrong(bool is_balanced) {
+    if (is_balanced ? !tracker_.is_level_reliable() || tracker_.map().is_wrong() : tracker_.is_wrong()) return true;
+    const int daylight_q12 = has_targets() ? LightTracker::kDaylightOnTrayQ12 : LightTracker::kDaylightQ12;
     const LightLevel usual = is_balanced ? tracker_.level() : LightLevel{};
     if (tracker_.is_lit_from_outside(daylight_q12, usual)) return true;
     return has_colours_ && !colours_.is_of_depth && tracker_.is_lit_from_one_side();

@@ -40,7 +40,7 @@ void Skin::check_picture() {
   const OpeningEdges::Defects edges = edges_->run(glow_.plane(), frame_.light_q12);
   frame_.has_moved = edges.has_moved;
   frame_.is_dark = taxels_->n_dark() > 0 || 2 * frame_.light_q12 < -Taxels::kOne;
-  frame_.is_light_off = frame_.light_q12 > kLightOffQ12 || frame_.light_q12 < -kLightOffQ12 ||
+  frame_.is_light_wrong = frame_.light_q12 > kWrongLightQ12 || frame_.light_q12 < -kWrongLightQ12 ||
                         taxels_->stray_q6() > touches_->tables().stray_limit_q6 || edges.is_off_curve;
 }
 
@@ -49,7 +49,7 @@ const SkinFrame& Skin::run(const FrameView& frame, uint64_t capture_us, Saturati
   if (taxels_) {
     taxels_->run(glow_.plane());
     check_picture();
-    const bool is_trusted = !frame_.is_dark && !frame_.is_light_off && !frame_.has_moved;
+    const bool is_trusted = !frame_.is_dark && !frame_.is_light_wrong && !frame_.has_moved;
     frame_.touches = touches_->run(taxels_->ratio(), capture_us, is_trusted, saturations);
   } else {
     glow_.smooth();

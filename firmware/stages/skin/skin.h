@@ -6,8 +6,8 @@
 //   identity of touches and mean over frames (stages/skin/skin_track.h)
 //
 // Without a calibration, touches are detected but have neither position nor force. A frame is dark if half of a panel's
-// light is missing on a taxel. Its light is off if light enters from outside, if the whole skin is brighter or darker
-// than at rest by kLightOff, or if the curve of grey levels has changed. Frame thread; no allocation after load().
+// light is missing on a taxel. Its light is wrong if light enters from outside, if the whole skin is brighter or darker
+// than at rest by kWrongLight, or if the curve of grey levels has changed. Frame thread; no allocation after load().
 #pragma once
 
 #include <cstdint>
@@ -30,7 +30,7 @@ namespace ruffini {
 
 class Skin {
  public:
-  static constexpr int64_t kLightOffQ12 = 1024;  // a quarter
+  static constexpr int64_t kWrongLightQ12 = 1024;  // a quarter
 
   [[nodiscard]] static Result<Skin> load(const BoardSettings& board, const Calibration* calibration);
 

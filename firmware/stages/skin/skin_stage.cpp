@@ -34,7 +34,7 @@ class SkinStage final : public Stage {
     frame_ = skin_.run(frame.view, frame.capture_us, frame.saturations);
     show();
     if (frame_.is_dark) frame.flags |= kFlagDark;
-    if (frame_.is_light_off) frame.flags |= kFlagLight;
+    if (frame_.is_light_wrong) frame.flags |= kFlagLight;
     if (frame_.has_moved) frame.flags |= kFlagFeatures;
     const SkinTouchList& touches = frame_.touches;
     contacts_ = {.n_listed = touches.n_listed, .n_found = touches.n_found};

@@ -26,7 +26,7 @@ class TargetsStage final : public Stage {
 
   void run(Frame& frame) override {
     targets_.n_lost = tracker_.track(difference_.grey);
-    if (tracker_.is_light_off()) frame.flags |= kFlagLight;
+    if (tracker_.is_light_wrong()) frame.flags |= kFlagLight;
     if (targets_.n_lost > 0) frame.flags |= kFlagMarkersLost;
     const auto px = [](int64_t q16) { return ImagePx::from_raw(static_cast<int32_t>(q16)); };
     std::transform(targets_.target.begin(), targets_.target.end(), mark_.begin(), [&](const Target& t) {

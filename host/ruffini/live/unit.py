@@ -86,5 +86,8 @@ def what_is_missing(board: Board, calibration: Any) -> str:
         shown.append("the motion of its markers in millimetres")
     never = f"; this board never measures {', '.join(board.board.not_measured)}" if board.board.not_measured else ""
     if not calibration.present:
-        return f"not calibrated: shows {' and '.join(shown)}, no newtons until `ruffini cal auto` has run on it{never}"
+        calibrated = "`ruffini cal auto` has run on it"
+        if board.picture_features is not None:
+            calibrated = "a fit to videos, `ruffini cal fit --only wrench --videos`, is flashed"
+        return f"not calibrated: shows {' and '.join(shown)}, no newtons until {calibrated}{never}"
     return f"calibrated ({', '.join(calibration.kinds)}, {calibration.created_utc}){never}"

@@ -179,7 +179,7 @@ class Targets:
             if sight.is_seen:
                 self.now[i] = sight
 
-    def is_light_off(self) -> bool:
+    def is_light_wrong(self) -> bool:
         pairs = [(a.bright, b.bright) for a, b, lost in zip(self.now, self.rest, self.is_lost, strict=True) if not lost]
         n_off = sum(4 * abs(now - rest) > rest for now, rest in pairs)
         return n_off > 0 and 2 * n_off >= len(pairs)

@@ -45,7 +45,7 @@ class FrameWatchTest : public testing::Test {
 TEST_F(FrameWatchTest, NothingIsSaidOfGoodPictures) {
   for (unsigned seed = 1; seed <= 200; ++seed) {
     const Verdict seen = see(picture(seed, seed % 5, seed % 2 == 0 ? 1 : 4));
-    EXPECT_FALSE(seen.is_broken || seen.is_lamp_off) << seed;
+    EXPECT_FALSE(seen.is_broken || seen.is_light_wrong) << seed;
   }
 }
 
@@ -100,7 +100,7 @@ TEST_F(FrameWatchTest, AChannelWithoutItsLampIsSeenAndAFewPercentAreNot) {
         pixels[i] = static_cast<uint8_t>(std::min(255, pixels[i] * percent / 100));
       }
       const Verdict seen = see(pixels);
-      EXPECT_EQ(seen.is_lamp_off, percent < 50 || percent > 200) << c << " " << percent;
+      EXPECT_EQ(seen.is_light_wrong, percent < 50 || percent > 200) << c << " " << percent;
     }
   }
 }

@@ -53,7 +53,7 @@ TEST(LightMap, FollowsASmoothDriftOverThePicture) {
   picture.show(200, bent);
   EXPECT_NEAR(picture.factor_at(0, 16, 16), 1 + bent(-0.9, -0.867), 0.0006);
   EXPECT_NEAR(picture.factor_at(2, 288, 128), 1 + bent(0.8, 0.067), 0.0006);
-  EXPECT_FALSE(picture.map.is_off());
+  EXPECT_FALSE(picture.map.is_wrong());
 }
 
 TEST(LightMap, NeverLearnsWhatHasEdges) {
@@ -78,9 +78,9 @@ TEST(LightMap, IsOffUntilAJumpIsFollowed) {
   Picture picture;
   const auto tilted = [](double u, double) { return 0.008 * u; };
   picture.show(1, tilted);
-  EXPECT_TRUE(picture.map.is_off());
+  EXPECT_TRUE(picture.map.is_wrong());
   picture.show(60, tilted);
-  EXPECT_FALSE(picture.map.is_off());
+  EXPECT_FALSE(picture.map.is_wrong());
 }
 
 // A touch too faint to move a marker by 1/4 px: a dent of 2 % over an eighth of the picture.
@@ -88,23 +88,23 @@ TEST(LightMap, AFaintTouchIsNeitherLearnedNorTakenForLight) {
   Picture picture;
   picture.show(200, [](double u, double v) { return u * u + v * v < 0.16 ? 0.05 * u : 0; });
   for (const int32_t factor : picture.map.factor()) EXPECT_EQ(factor, Rest::kUnitGain);
-  EXPECT_FALSE(picture.map.is_off());
+  EXPECT_FALSE(picture.map.is_wrong());
 }
 
 TEST(LightMap, APartOfALampThatFailsIsNotFollowedAndSaid) {
   const auto failed = [](double u, double v) { return -0.1 * std::exp(-4 * (u * u + v * v)); };
   Picture picture;
   picture.show(1, failed);
-  EXPECT_TRUE(picture.map.is_off());
+  EXPECT_TRUE(picture.map.is_wrong());
   picture.show(200, failed);
-  EXPECT_TRUE(picture.map.is_off());
+  EXPECT_TRUE(picture.map.is_wrong());
   for (const int32_t factor : picture.map.factor()) EXPECT_EQ(factor, Rest::kUnitGain);
   picture.show(1, [](double, double) { return 0.0; });
-  EXPECT_FALSE(picture.map.is_off());
+  EXPECT_FALSE(picture.map.is_wrong());
   // Without markers it could be a contact.
   Picture unmarked;
   unmarked.show(1, failed, PadState::kUnknown);
-  EXPECT_FALSE(unmarked.map.is_off());
+  EXPECT_FALSE(unmarked.map.is_wrong());
 }
 
 TEST(LightMap, WithoutMarkersALargeSmoothObjectIsNotLearned) {
@@ -112,9 +112,9 @@ TEST(LightMap, WithoutMarkersALargeSmoothObjectIsNotLearned) {
   const auto tilted = [](double u, double) { return 0.02 * u; };
   picture.show(300, tilted, PadState::kUnknown);
   for (const int32_t factor : picture.map.factor()) EXPECT_EQ(factor, Rest::kUnitGain);
-  EXPECT_TRUE(picture.map.is_off()) << "lamps or a contact";
+  EXPECT_TRUE(picture.map.is_wrong()) << "lamps or a contact";
   picture.show(1, [](double, double) { return 0.0; }, PadState::kUnknown);
-  EXPECT_FALSE(picture.map.is_off());
+  EXPECT_FALSE(picture.map.is_wrong());
   for (int i = 0; i < 100; ++i) picture.show(1, [&](double u, double) { return 0.0001 * i * u; }, PadState::kUnknown);
   EXPECT_NEAR(picture.factor_at(0, 304, 128), 1.009, 0.001) << "lamps are slow";
 }
@@ -126,9 +126,9 @@ TEST(LightMap, GoesOnDuringAContactAsBeforeAndSaysSoWhereThatIsFar) {
   EXPECT_NEAR(before, 1.027, 0.003);
   picture.show(30, bent, PadState::kTouched);
   EXPECT_NEAR(picture.factor_at(0, 304, 128) - before, 30 * 0.00009, 0.0006);
-  EXPECT_FALSE(picture.map.is_off());
+  EXPECT_FALSE(picture.map.is_wrong());
   picture.show(200, bent, PadState::kTouched);
-  EXPECT_TRUE(picture.map.is_off()) << "more than 1 % on trust";
+  EXPECT_TRUE(picture.map.is_wrong()) << "more than 1 % on trust";
 }
 
 }  // namespace

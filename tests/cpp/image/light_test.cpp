@@ -45,10 +45,10 @@ constexpr std::array<int, 3> kBluer = {4096 * 110 / 100, 4096, 4096 * 95 / 100};
 TEST(LightTracker, FollowsEachChannelOfAnUntouchedPadAndThenTheChangeIsZero) {
   Pad pad;
   for (int i = 0; i < 16; ++i) pad.show(kBluer);
-  EXPECT_TRUE(pad.light.is_off());
+  EXPECT_TRUE(pad.light.is_wrong());
   EXPECT_NEAR(pad.gain(0), 1.0005, 1e-4);  // it waits for 16 still frames, then takes 1/2048 a frame
   for (int i = 0; i < 400; ++i) pad.show(kBluer);
-  EXPECT_FALSE(pad.light.is_off());
+  EXPECT_FALSE(pad.light.is_wrong());
   EXPECT_NEAR(pad.gain(0), 1.10, 0.001);
   EXPECT_NEAR(pad.gain(1), 1.00, 0.001);
   EXPECT_NEAR(pad.gain(2), 0.95, 0.001);
@@ -60,7 +60,7 @@ TEST(LightTracker, AHeldContactIsNeverLearned) {
   Pad pad;
   for (int i = 0; i < 20'000; ++i) pad.show({4096, 4096, 4096}, kWidth / 4);
   EXPECT_EQ(pad.light.gain(), Rest::unit_gain());
-  EXPECT_FALSE(pad.light.is_off());
+  EXPECT_FALSE(pad.light.is_wrong());
   // One that shades everything alike, by its markers.
   const std::vector<Marker> markers = {moved_by(0.1), moved_by(-0.3)};
   for (int i = 0; i < 20'000; ++i) pad.show({4000, 4000, 4000}, 0, markers);
@@ -80,24 +80,24 @@ TEST(LightTracker, AnUnevenPictureWithMarkersAtRestIsSaidAtOnce) {
   Pad pad;
   std::vector<Marker> markers = {moved_by(0.1), moved_by(-0.2)};
   pad.show({4096, 4096, 4096}, kWidth / 2, markers);
-  EXPECT_TRUE(pad.light.is_off());
+  EXPECT_TRUE(pad.light.is_wrong());
   markers[1] = moved_by(0.3);
   pad.show({4096, 4096, 4096}, kWidth / 2, markers);
-  EXPECT_FALSE(pad.light.is_off());
+  EXPECT_FALSE(pad.light.is_wrong());
   for (Marker& marker : markers) marker.is_lost = true;
   pad.show({4096, 4096, 4096}, kWidth / 2, markers);
-  EXPECT_FALSE(pad.light.is_off()) << "no marker tells";
+  EXPECT_FALSE(pad.light.is_wrong()) << "no marker tells";
 }
 
 TEST(LightTracker, ExposureThatChangesDuringAContactIsSaidAndNotFollowed) {
   Pad pad;
   const std::vector<Marker> markers = {moved_by(2)};
   pad.show({4400, 4400, 4400}, kWidth / 4, markers);  // 7.4 %
-  EXPECT_TRUE(pad.light.is_off());
+  EXPECT_TRUE(pad.light.is_wrong());
   pad.show({4200, 4200, 4200}, kWidth / 4, markers);
-  EXPECT_FALSE(pad.light.is_off());
+  EXPECT_FALSE(pad.light.is_wrong());
   pad.show({4600, 3590, 4096}, kWidth / 4, markers);  // a tilted surface: one lamp gains what another loses
-  EXPECT_FALSE(pad.light.is_off());
+  EXPECT_FALSE(pad.light.is_wrong());
   EXPECT_EQ(pad.light.gain(), Rest::unit_gain());
 }
 
@@ -111,7 +111,7 @@ TEST(LightTracker, DaylightFromOneSideIsToldFromASlope) {
   EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, {}));
   pad.show({4340, 4340, 4340});  // 6 %
   EXPECT_TRUE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, {}));
-  EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kTiltedQ12, {}));
+  EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightOnTrayQ12, {}));
   EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, pad.light.level())) << "everywhere alike";
   pad.rest.load(std::vector<uint16_t>(3 * kPixels, 16 * 20));  // too dark to tell
   pad.light.learn(pad.rest.image(), true);
@@ -159,7 +159,7 @@ TEST(LightTracker, OnlyAMapSaysThatTheLightIsTilted) {
     LightTracker light{kWide, kHigh};
     light.learn(rest.image(), has_map);
     for (int i = 0; i < 3 * LightMap::kWindowFrames; ++i) light.run(tilted, {}, rest);
-    EXPECT_EQ(light.is_off(), has_map);
+    EXPECT_EQ(light.is_wrong(), has_map);
   }
 }
 
@@ -167,7 +167,7 @@ TEST(LightTracker, StopsAtAQuarterAndGoesOnSayingSo) {
   Pad pad;
   for (int i = 0; i < 1'200; ++i) pad.show({4096 * 3 / 2, 4096 * 3 / 2, 4096 * 3 / 2});
   EXPECT_EQ(pad.gain(1), 1.25);
-  EXPECT_TRUE(pad.light.is_off());
+  EXPECT_TRUE(pad.light.is_wrong());
   pad.light.learn(pad.rest.image(), true);
   EXPECT_EQ(pad.gain(1), 1.0);
 }
@@ -178,7 +178,7 @@ TEST(LightTracker, WithoutAPixelThatTellsAnythingItSaysNothing) {
   pad.light.learn(pad.rest.image(), true);
   for (int i = 0; i < 100; ++i) pad.show(kBluer);
   EXPECT_EQ(pad.light.gain(), Rest::unit_gain());
-  EXPECT_FALSE(pad.light.is_off());
+  EXPECT_FALSE(pad.light.is_wrong());
 }
 
 }  // namespace

@@ -99,11 +99,11 @@ TEST(Targets, LightThatIsNotAsAtRest) {
   const std::vector<uint16_t> rest = drawn({{79.5, 119.5, 20}, {239.5, 119.5, 20}});
   ASSERT_EQ(tracker.learn(rest), 2);
   tracker.track(rest);
-  EXPECT_FALSE(tracker.is_light_off());
+  EXPECT_FALSE(tracker.is_light_wrong());
   std::vector<uint16_t> brighter = rest;
   for (uint16_t& each : brighter) each = static_cast<uint16_t>(each * 13 / 10);
   tracker.track(brighter);
-  EXPECT_TRUE(tracker.is_light_off());
+  EXPECT_TRUE(tracker.is_light_wrong());
   EXPECT_NEAR(px(tracker.targets()[0].now.x_q16), 79.5, 0.01) << "the edge is where it was";
 }
 
@@ -113,7 +113,7 @@ TEST(Targets, ABoardWithoutThemHasNone) {
   TargetTracker tracker(board);
   EXPECT_EQ(tracker.learn(drawn({{79.5, 119.5, 20}})), 0);
   EXPECT_EQ(tracker.track(drawn({{79.5, 119.5, 20}})), 0);
-  EXPECT_FALSE(tracker.is_light_off());
+  EXPECT_FALSE(tracker.is_light_wrong());
 }
 
 }  // namespace
