@@ -62,7 +62,7 @@ class Operator(Estimator):
         log, informed = job.log(), job.fit is not None and job.fit.prior.is_informed
         previous = None if job.previous is None else judged(job.board, job.previous, log)
         now = judged(job.board, file, log)
-        forces = [] if now is None else gates_of_forces(log, now, previous)
+        forces = [] if now is None else gates_of_forces(job.board, log, now, previous)
         return [*gates_of_touches(job.board, log, is_informed=informed), *forces]
 
     def report(
