@@ -74,12 +74,12 @@ def operator(
     json_: JsonFlag = False,
 ) -> None:
     """Solve the inverse FEM of a board and compile it to the board's integers."""
-    note(f"cal operator: board {board}")
+    note_start("cal fit --only operator", board)
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_fit_file, manifest_of
     from ruffini.estimators.material.fit import read_material, read_stiffness_sigma
-    from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+    from ruffini.estimators.operator.fit import make_operator, stiffer
     from ruffini.estimators.operator.gauge import gauge_uncertainty_m
     from ruffini.estimators.relaxation.fit import read_relaxation
     from ruffini.fem.operators import Noise
@@ -103,8 +103,7 @@ def operator(
     if memory is not None and method != "support":
         raise InputError(f"--relaxation works on the second pass: --method support, not {method}")
     if memory is not None:
-        slab = board_slab(found, known)
-        known = Material(slab.modulus_pa * memory.gain, slab.poisson, slab.thickness_m)
+        known = stiffer(found, known, memory.gain)
     chosen, said = _ridge_weight(found, known, noise, method, weight, plot)
     with progress_bar("inverse FEM") as progress:
         kind = make_operator(
@@ -199,34 +198,25 @@ def material(
     json_: JsonFlag = False,
 ) -> None:
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
-    note_start("cal material", board)
+    note_start("cal fit --only material", board)
     from ruffini.calibrate import container
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.material.fit import fit_material, log_from_recording
     from ruffini.estimators.material.judge import gates_of_material
-    from ruffini.estimators.material.stage import MATERIAL
-    from ruffini.estimators.operator.gauge import gauge_uncertainty_m
-    from ruffini.fem.operators import Noise
+    from ruffini.estimators.material.stage import MATERIAL, material_noise
 
     file = container.read(calibration)
     found = container.board_of(file, board)
     with progress_bar("frames") as progress:
         frames = log_from_recording(found, file, log, reference, progress=progress)
     with progress_bar("fit") as progress:
-        noise = Noise((5e-6, 5e-6, 20e-6), gauge_m=gauge_uncertainty_m(found), tilt_m=30e-6)
-        fit = fit_material(found, frames, noise, progress=progress)
+        fit = fit_material(found, frames, material_noise(found), progress=progress)
     report = fit.report()
     gates = write_fit(out, found, report, MATERIAL.name, gates_of_material(fit, found))
-    e, nu, h = fit.values
-    e_i, nu_i, h_i = fit.interval
     before, after = (
         1e3 * sum((v or 0.0) ** 2 for v in report[k][:3]) ** 0.5 for k in ("rmse_before_n_nm", "rmse_after_n_nm")
     )
-    text = (
-        f"{out}: E {e / 1e3:.1f} +- {e_i / 1e3:.1f} kPa, Poisson's ratio {nu:.4f} +- {nu_i:.4f}, "
-        f"thickness {1e3 * h:.3f} +- {1e3 * h_i:.3f} mm (95 %, {fit.n_touches} touches); "
-        f"force RMSE {before:.1f} -> {after:.1f} mN"
-    )
+    text = f"{out}: {fit.text()}; force RMSE {before:.1f} -> {after:.1f} mN"
     if plot is not None:
         from ruffini.estimators.material.picture import residuals
 
@@ -246,7 +236,7 @@ def fit_relaxation_of_log(
     json_: JsonFlag = False,
 ) -> None:
     """Fit how much force the pad loses under a held strain, and how fast, to a recording with a reference wrench."""
-    note_start("cal relaxation", board)
+    note_start("cal fit --only relaxation", board)
     from ruffini.calibrate import container
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.relaxation.fit import fit_relaxation, log_from_recording
@@ -259,9 +249,8 @@ def fit_relaxation_of_log(
     fit = fit_relaxation(frames)
     report = fit.report()
     gates = write_fit(out, found, report, RELAXATION.name, RELAXATION.gates(report, found))
-    terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
     emit_judged(report, gates, json_,
-         f"{out}: of the force at once goes {terms}; at once it is {fit.gain:.3f} times the calibration's; "
+         f"{out}: {fit.text()}; at once it is {fit.gain:.3f} times the calibration's; "
          f"force RMSE {1e3 * fit.rmse_before_n:.1f} -> {1e3 * fit.rmse_after_n:.1f} mN")  # fmt: skip
 
 
@@ -299,7 +288,7 @@ def photometric(
     json_: JsonFlag = False,
 ) -> None:
     """Fit colour change -> surface slope, or brightness -> depth, on ball presses of known size."""
-    note(f"cal photometric: board {board}")
+    note_start("cal fit --only photometric", board)
     from ruffini.boards import find_board
     from ruffini.calibrate import container, keys
     from ruffini.calibrate.fit.job import Job

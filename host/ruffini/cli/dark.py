@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note_start, progress_bar
 
 
 def dark(
@@ -17,7 +17,7 @@ def dark(
     json_: JsonFlag = False,
 ) -> None:
     """Measure what the camera shows with its lamps off: black level and daylight, which then do not count."""
-    note(f"cal dark: board {board}")
+    note_start("cal fit --only dark", board)
     from ruffini.boards import find_board
     from ruffini.calibrate.gates import write_judged
     from ruffini.estimators.dark.frame import dark_frame

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
+from ruffini.cli.common import JsonFlag, emit_judged, note, note_start, progress_bar
 from ruffini.tables import aligned
 
 MOST_LISTED = 12  # recordings
@@ -103,7 +103,7 @@ def wrench(
     json_: JsonFlag = False,
 ) -> None:
     """Fit a wrench to targets, markers or any named columns beside a force sensor; judged on what was left out."""
-    note(f"cal wrench: board {board}" if board else "cal wrench: columns of a log")
+    note_start("cal fit --only wrench", board)
     from ruffini.boards import find_board
     from ruffini.calibrate.gates import write_judged
     from ruffini.calibrate.log.columns import read_column_logs
