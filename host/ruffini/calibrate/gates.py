@@ -11,7 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ruffini.calibrate.container import FAILED, PASSED, CalibrationFile
+from ruffini.boards import Board
+from ruffini.calibrate import container
+from ruffini.calibrate.container import FAILED, PASSED, CalibrationFile, Tensors
 from ruffini.files import readable
 
 MIN_PRESSES = 10  # without a fleet or a previous calibration behind it
@@ -84,6 +86,20 @@ def manifest_of(report: dict[str, Any], gates: Sequence[Gate]) -> dict[str, str]
     """`residuals` and `gates` of a manifest: the report's figures, and PASSED or what failed (proto/CALIBRATION.md)."""
     tree = {**report, "gates": [gate._asdict() for gate in gates]}
     return {"residuals": json.dumps(tree), **({"gates": verdict(gates)} if gates else {})}
+
+
+def write_judged(
+    out: Path, stage: str, gates: Sequence[Gate], board: Board | None, tensors: Tensors, report: dict[str, Any],
+    metadata: dict[str, str],
+) -> list[Gate]:  # fmt: skip
+    """Write a stage's tables with report and gates in the manifest; returns the gates, marked as the stage's own.
+
+    board : None: the tables are of a sensor that no board describes.
+    """
+    own = of_stage(stage, gates)
+    base = container.metadata_without_board() if board is None else container.base_metadata(board)
+    container.write(out, container.pack(tensors, {**base, **metadata, **manifest_of(report, own)}))
+    return own
 
 
 def verdict(gates: Sequence[Gate]) -> str:

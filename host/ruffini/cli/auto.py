@@ -70,7 +70,7 @@ def auto(
     depth_m = 1e-3 * (task.depth_mm if depth_mm is None else depth_mm)
     shear_m = 1e-3 * (task.shear_mm if shear_mm is None else shear_mm)
     if rig == SIMULATED:
-        site = _simulated(found, task, folder, depth_m, shear_m, unit)
+        site = simulated_site(found, task, folder, depth_m, shear_m, unit)
     else:
         site = _real(found, task, Path(rig), depth_m, shear_m, before, points, folder, is_forced=force)
     counts = task.quick if quick else task.whole
@@ -117,7 +117,7 @@ def _turned(
     )  # fmt: skip
 
 
-def _simulated(board: Board, task: Task, folder: Path, depth_m: float, shear_m: float, number: int) -> Site:
+def simulated_site(board: Board, task: Task, folder: Path, depth_m: float, shear_m: float, number: int) -> Site:
     from ruffini.calibrate.auto.run import Opened, Site
     from ruffini.calibrate.auto.truth import Truth
     from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated, reach_of

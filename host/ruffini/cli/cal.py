@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,9 +15,7 @@ from ruffini.errors import InputError
 
 if TYPE_CHECKING:
     from ruffini.boards import Board
-    from ruffini.calibrate.container import CalibrationFile
     from ruffini.estimators.operator.fit import Material
-    from ruffini.estimators.photometric.presses import PressSet
     from ruffini.fem.operators import Noise
 
 
@@ -77,12 +74,12 @@ def operator(
     json_: JsonFlag = False,
 ) -> None:
     """Solve the inverse FEM of a board and compile it to the board's integers."""
-    note(f"cal operator: board {board}")
+    note_start("cal fit --only operator", board)
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_fit_file, manifest_of
     from ruffini.estimators.material.fit import read_material, read_stiffness_sigma
-    from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+    from ruffini.estimators.operator.fit import make_operator, stiffer
     from ruffini.estimators.operator.gauge import gauge_uncertainty_m
     from ruffini.estimators.relaxation.fit import read_relaxation
     from ruffini.fem.operators import Noise
@@ -106,8 +103,7 @@ def operator(
     if memory is not None and method != "support":
         raise InputError(f"--relaxation works on the second pass: --method support, not {method}")
     if memory is not None:
-        slab = board_slab(found, known)
-        known = Material(slab.modulus_pa * memory.gain, slab.poisson, slab.thickness_m)
+        known = stiffer(found, known, memory.gain)
     chosen, said = _ridge_weight(found, known, noise, method, weight, plot)
     with progress_bar("inverse FEM") as progress:
         kind = make_operator(
@@ -202,36 +198,25 @@ def material(
     json_: JsonFlag = False,
 ) -> None:
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
-    note_start("cal material", board)
+    note_start("cal fit --only material", board)
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import of_stage
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.material.fit import fit_material, log_from_recording
     from ruffini.estimators.material.judge import gates_of_material
-    from ruffini.estimators.material.stage import MATERIAL
-    from ruffini.estimators.operator.gauge import gauge_uncertainty_m
-    from ruffini.fem.operators import Noise
+    from ruffini.estimators.material.stage import MATERIAL, material_noise
 
     file = container.read(calibration)
     found = container.board_of(file, board)
     with progress_bar("frames") as progress:
         frames = log_from_recording(found, file, log, reference, progress=progress)
     with progress_bar("fit") as progress:
-        noise = Noise((5e-6, 5e-6, 20e-6), gauge_m=gauge_uncertainty_m(found), tilt_m=30e-6)
-        fit = fit_material(found, frames, noise, progress=progress)
-    gates = of_stage(MATERIAL.name, gates_of_material(fit, found))
-    report = {**fit.report(), "gates": [gate._asdict() for gate in gates]}
-    write_fit(out, found, report)
-    e, nu, h = fit.values
-    e_i, nu_i, h_i = fit.interval
+        fit = fit_material(found, frames, material_noise(found), progress=progress)
+    report = fit.report()
+    gates = write_fit(out, found, report, MATERIAL.name, gates_of_material(fit, found))
     before, after = (
         1e3 * sum((v or 0.0) ** 2 for v in report[k][:3]) ** 0.5 for k in ("rmse_before_n_nm", "rmse_after_n_nm")
     )
-    text = (
-        f"{out}: E {e / 1e3:.1f} +- {e_i / 1e3:.1f} kPa, Poisson's ratio {nu:.4f} +- {nu_i:.4f}, "
-        f"thickness {1e3 * h:.3f} +- {1e3 * h_i:.3f} mm (95 %, {fit.n_touches} touches); "
-        f"force RMSE {before:.1f} -> {after:.1f} mN"
-    )
+    text = f"{out}: {fit.text()}; force RMSE {before:.1f} -> {after:.1f} mN"
     if plot is not None:
         from ruffini.estimators.material.picture import residuals
 
@@ -251,9 +236,8 @@ def fit_relaxation_of_log(
     json_: JsonFlag = False,
 ) -> None:
     """Fit how much force the pad loses under a held strain, and how fast, to a recording with a reference wrench."""
-    note_start("cal relaxation", board)
+    note_start("cal fit --only relaxation", board)
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import of_stage
     from ruffini.calibrate.log.reference import write_fit
     from ruffini.estimators.relaxation.fit import fit_relaxation, log_from_recording
     from ruffini.estimators.relaxation.stage import RELAXATION
@@ -263,12 +247,10 @@ def fit_relaxation_of_log(
     with progress_bar("frames") as progress:
         frames = log_from_recording(found, file, log, reference, progress=progress)
     fit = fit_relaxation(frames)
-    gates = of_stage(RELAXATION.name, RELAXATION.gates(fit.report(), found))
-    report = {**fit.report(), "gates": [gate._asdict() for gate in gates]}
-    write_fit(out, found, report)
-    terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
+    report = fit.report()
+    gates = write_fit(out, found, report, RELAXATION.name, RELAXATION.gates(report, found))
     emit_judged(report, gates, json_,
-         f"{out}: of the force at once goes {terms}; at once it is {fit.gain:.3f} times the calibration's; "
+         f"{out}: {fit.text()}; at once it is {fit.gain:.3f} times the calibration's; "
          f"force RMSE {1e3 * fit.rmse_before_n:.1f} -> {1e3 * fit.rmse_after_n:.1f} mN")  # fmt: skip
 
 
@@ -306,56 +288,41 @@ def photometric(
     json_: JsonFlag = False,
 ) -> None:
     """Fit colour change -> surface slope, or brightness -> depth, on ball presses of known size."""
-    note(f"cal photometric: board {board}")
+    note_start("cal fit --only photometric", board)
     from ruffini.boards import find_board
-    from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of, of_stage
+    from ruffini.calibrate import container, keys
+    from ruffini.calibrate.fit.job import Job
+    from ruffini.calibrate.gates import write_judged
+    from ruffini.estimators.camera.stage import CAMERA
+    from ruffini.estimators.dark.frame import dark_of
+    from ruffini.estimators.dark.stage import DARK
     from ruffini.estimators.photometric.fitted import fit_presses
     from ruffini.estimators.photometric.pad_view import pad_view
     from ruffini.estimators.photometric.presses import load_presses
     from ruffini.estimators.photometric.stage import PHOTOMETRIC
 
     found = find_board(board)
-    measured = None if camera is None else _camera_of(camera, found)
-    view = None if measured is None else pad_view(found, measured.tensors, measured.metadata)
+    job = Job(found, [])
+    for estimator, path in ((CAMERA, camera), (DARK, dark)):
+        job.parts = []
+        if path is not None:
+            job.parts = [keys.read_verified(path)]
+            container.check_board(job.parts[0], found)
+            estimator.need(job.parts[0], path)
+        estimator.keep(job)
     presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, may_find=True, at_least=1)
-    presses = presses if dark is None else _less_dark(presses, dark, found)
+    presses, view = presses.less(dark_of(job.tensors)), pad_view(found, job.tensors, job.metadata)
     with progress_bar("fit") as progress:
         fit = fit_presses(presses, found, is_foreign=foreign, source=source, view=view, progress=progress)
-        gates = of_stage(PHOTOMETRIC.name, PHOTOMETRIC.gates(fit.report, found))
-        metadata = {**container.base_metadata(found), **manifest_of(fit.report, gates), **fit.metadata}
-        container.write(out, container.pack(fit.tensors, metadata))
-        result = {"file": str(out), **fit.report, "gates": [gate._asdict() for gate in gates]}
-        text = f"{out}: {fit.summary}"
+        said = PHOTOMETRIC.gates(fit.report, found)
+        gates = write_judged(out, PHOTOMETRIC.name, said, found, fit.tensors, fit.report, fit.metadata)
+        result, text = {"file": str(out), **fit.report}, f"{out}: {fit.summary}"
         if report is not None:
             from ruffini.evaluate.press_report import write_report
 
             result["report"] = [str(path) for path in write_report(report, presses, fit, found, progress)]
             text += "\n" + "\n".join(result["report"])
     emit_judged(result, gates, json_, text)
-
-
-def _less_dark(presses: PressSet, path: Path, board: Board) -> PressSet:
-    from ruffini.calibrate import container, keys
-    from ruffini.estimators.camera.dark import dark_of
-
-    file = keys.read_verified(path)
-    container.check_board(file, board)
-    image = dark_of(file)
-    if image.shape != presses.reference.shape:
-        height, width = presses.reference.shape[:2]
-        raise InputError(f"{path}: a dark frame of {board.resolution}, the presses are {width}x{height}")
-    return replace(presses, dark=image)
-
-
-def _camera_of(path: Path, board: Board) -> CalibrationFile:
-    from ruffini.calibrate import container, keys
-    from ruffini.estimators.camera.stage import CAMERA
-
-    file = keys.read_verified(path)
-    container.check_board(file, board)
-    CAMERA.need(file, path)
-    return file
 
 
 def merge(

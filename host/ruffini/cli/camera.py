@@ -36,8 +36,7 @@ def camera(
 ) -> None:
     """Fit lens, mounting and refraction to pictures of a flat target."""
     from ruffini.boards import find_board
-    from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of, of_stage
+    from ruffini.calibrate.gates import write_judged
     from ruffini.estimators.camera.fit import fit_camera, tables
     from ruffini.estimators.camera.stage import CAMERA
     from ruffini.estimators.camera.targets import Target
@@ -55,9 +54,7 @@ def camera(
     fit = fit_camera(paths, shown, found, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit.model, found)
     report = fit.report()
-    gates = of_stage(CAMERA.name, CAMERA.gates(report, found))
-    base = {**container.base_metadata(found), **manifest_of(report, gates)}
-    container.write(out, container.pack({**tensors}, {**base, **metadata}))
+    gates = write_judged(out, CAMERA.name, CAMERA.gates(report, found), found, {**tensors}, report, metadata)
     skipped = f", none in {', '.join(report['skipped'])}" if report["skipped"] else ""
     emit_judged({"file": str(out), **report}, gates, json_,
          f"{out}: {report['model']} lens from {report['views']} views, {report['points']} points{skipped}; "
@@ -70,8 +67,7 @@ def _several(
     paths: list[Path], shown: Target, board: Board, views: str, fisheye: bool, on_pad: Path | None, index: float,
     out: Path, json_: bool,
 ) -> None:  # fmt: skip
-    from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of, of_stage
+    from ruffini.calibrate.gates import write_judged
     from ruffini.estimators.camera.stage import CAMERA
     from ruffini.estimators.camera.views import fit_views, tables, view_kinds
 
@@ -81,9 +77,7 @@ def _several(
     fit = fit_views(paths, shown, board, kinds, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit, board)
     report = fit.report()
-    gates = of_stage(CAMERA.name, CAMERA.gates(report, board))
-    base = {**container.base_metadata(board), **manifest_of(report, gates)}
-    container.write(out, container.pack({**tensors}, {**base, **metadata}))
+    gates = write_judged(out, CAMERA.name, CAMERA.gates(report, board), board, {**tensors}, report, metadata)
     each = "; ".join(f"{v['kind']}: {v['pictures']} pictures, {v['residual_px']:.3f} px" for v in report["views"])
     emit_judged({"file": str(out), **report}, gates, json_,
          f"{out}: {each}; on the pad the rays of two views meet {report['height_um']:.1f} um off its height (RMS of "

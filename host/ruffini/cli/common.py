@@ -44,6 +44,7 @@ def emit(result: dict[str, Any], as_json: bool, text: str) -> None:
 
 def emit_judged(result: dict[str, Any], gates: Sequence[Gate], as_json: bool, text: str) -> None:
     """`emit` a fit with its gates; a failed one is named, and ends the verb with exit code 1."""
+    result = {**result, "gates": [gate._asdict() for gate in gates]}
     bad = [gate for gate in gates if gate.ok is False]
     for gate in gates:
         note(f"{'ok  ' if gate.ok else 'open' if gate.ok is None else 'FAIL'} {gate.name}: {gate.text}")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note_start, progress_bar
 
 
 def dark(
@@ -17,20 +17,18 @@ def dark(
     json_: JsonFlag = False,
 ) -> None:
     """Measure what the camera shows with its lamps off: black level and daylight, which then do not count."""
-    note(f"cal dark: board {board}")
+    note_start("cal fit --only dark", board)
     from ruffini.boards import find_board
-    from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of, of_stage
-    from ruffini.estimators.camera.dark import dark_frame, gates_of_dark
+    from ruffini.calibrate.gates import write_judged
+    from ruffini.estimators.dark.frame import dark_frame
+    from ruffini.estimators.dark.stage import DARK
     from ruffini.frames import read_frames
 
     found = find_board(board)
     with progress_bar("frames") as progress:
         made = dark_frame(found, read_frames(log), progress=progress)
     report = made.report()
-    gates = of_stage("dark", gates_of_dark(report))
-    metadata = {**container.base_metadata(found), **manifest_of(report, gates)}
-    container.write(out, container.pack(made.tensors(), metadata))
+    gates = write_judged(out, DARK.name, DARK.gates(report, found), found, made.tensors(), report, {})
     level = ", ".join(f"{v:.2f}" for v in report["level_bgr"])
     emit_judged({"file": str(out), **report}, gates, json_,
          f"{out}: dark frame of {report['frames']} frames, mean level {level} (B, G, R), brightest "

@@ -111,8 +111,7 @@ def fit(
     emit_judged(
         {"file": str(out), "board": found.name, "kinds": file.kinds,
          "seconds": time.monotonic() - start, "passed": not bad,
-         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
-         "gates": [gate._asdict() for gate in gates]},
+         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()}},
         gates, json_,
         f"{out}: {', '.join(file.kinds)} from {', '.join(path.name for path in paths)}"
         + ("" if bad else "; passes its gates") + details,

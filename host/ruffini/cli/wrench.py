@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
+from ruffini.cli.common import JsonFlag, emit_judged, note, note_start, progress_bar
 from ruffini.tables import aligned
 
 MOST_LISTED = 12  # recordings
@@ -103,10 +103,9 @@ def wrench(
     json_: JsonFlag = False,
 ) -> None:
     """Fit a wrench to targets, markers or any named columns beside a force sensor; judged on what was left out."""
-    note(f"cal wrench: board {board}" if board else "cal wrench: columns of a log")
+    note_start("cal fit --only wrench", board)
     from ruffini.boards import find_board
-    from ruffini.calibrate import container
-    from ruffini.calibrate.gates import manifest_of, of_stage
+    from ruffini.calibrate.gates import write_judged
     from ruffini.calibrate.log.columns import read_column_logs
     from ruffini.calibrate.log.videos import VideoColumns, read_video_log
     from ruffini.errors import InputError
@@ -163,10 +162,8 @@ def wrench(
     if found is not None and not WRENCH.is_used(found):
         note(f"board {found.name!r} has no stage that makes a wrench of features: it would not use this table")
     tensors, metadata = tables(fit, sort)
-    base = container.base_metadata(found) if found else container.metadata_without_board()
-    gates = of_stage(WRENCH.name, WRENCH.gates(fit.report(), found))
     residuals = json.loads(metadata["residuals"])
-    container.write(out, container.pack(tensors, {**base, **metadata, **manifest_of(residuals, gates)}))
+    gates = write_judged(out, WRENCH.name, WRENCH.gates(fit.report(), found), found, tensors, residuals, metadata)
     left_out = residuals["left_out"]
     said = {"file": str(out), **fit.report(), "left_out": left_out, "gates": [gate._asdict() for gate in gates]}
     if report is not None:

@@ -8,6 +8,7 @@ from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator
 from ruffini.estimators.camera.stage import CAMERA
 from ruffini.estimators.contact_model.stage import CONTACT
+from ruffini.estimators.dark.stage import DARK
 from ruffini.estimators.fingertip.stage import FINGERTIP
 from ruffini.estimators.material.stage import MATERIAL
 from ruffini.estimators.noise.stage import NOISE
@@ -22,6 +23,7 @@ from ruffini.estimators.wrench.stage import WRENCH
 
 ESTIMATORS: tuple[Estimator, ...] = (
     CAMERA,
+    DARK,
     PHOTOMETRIC,
     MATERIAL,
     RELAXATION,

@@ -193,9 +193,14 @@ def span_of(board: Board, deepest_m: float, shear_m: float, most_m: tuple[float,
     most_m : no further from the centre than this, along x and y, the shear included.
     """
     pad, window = board.pad, board.window
-    half_x_um = min(pad.size_x_um / 2 - window.min_x_um, window.max_x_um - pad.size_x_um / 2)
-    half_y_um = min(pad.size_y_um / 2 - window.min_y_um, window.max_y_um - pad.size_y_um / 2)
-    half_m = [1e-6 * (1 - BORDER) * half_um for half_um in (half_x_um, half_y_um)]
+    half_m = []
+    for size_um, begin_um, end_um in (
+        (pad.size_x_um, window.min_x_um, window.max_x_um), (pad.size_y_um, window.min_y_um, window.max_y_um)
+    ):  # fmt: skip
+        seen_um = min(size_um / 2 - begin_um, end_um - size_um / 2)
+        # Beyond the window the gel goes on and is dented unseen, about as far from the contact as it is thick.
+        unseen_um = pad.thickness_um if seen_um < size_um / 2 else 0
+        half_m.append(1e-6 * max(min((1 - BORDER) * seen_um, seen_um - unseen_um), 0.0))
     if most_m is not None:
         half_m = [min(half, max(most - shear_m, 0.0)) for half, most in zip(half_m, most_m, strict=True)]
     return Span(half_m[0], half_m[1], deepest_m, shear_m)

@@ -146,6 +146,9 @@ def test_a_wrenchs_error_counts_an_axis_that_is_not_measured_as_all_of_it():
     part = np.array([0.1] * 5 + [1.0]) / np.sqrt(3)  # root mean square of a uniform load
     assert figures["error"] == pytest.approx(100 * np.sqrt(np.mean(part**2)), rel=0.1)
     assert figures["not_measured"] == ["Tz"]
+    true[:, 5] = 0.0  # not loaded
+    alone = WRENCH.figures([Word(true * 1.1, true, np.full((500, 2), np.nan), NO_SHORE)])
+    assert alone["error"] == pytest.approx(10 / np.sqrt(3), rel=0.1)
 
 
 def loaded(path: Path, n: int, seed: int, said_off: float) -> Path:

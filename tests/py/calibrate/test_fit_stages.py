@@ -92,7 +92,7 @@ def fitted(board: Board, tmp_path_factory: pytest.TempPathFactory) -> tuple[Job,
     job = Job(board, [log], parts=[colours(board)])
     told = []
     outcomes = run_stages(job, frozenset(), tell=lambda name, *_: told.append(name))
-    assert told == ["camera", "photometric", "material", "relaxation", "noise", "operator", "threshold"]
+    assert told == ["camera", "dark", "photometric", "material", "relaxation", "noise", "operator", "threshold"]
     file, gates = finished(job, outcomes)
     return job, file, gates
 
@@ -134,12 +134,12 @@ def test_skipped_stages_keep_what_was_before(fitted, board: Board, tmp_path: Pat
     job = Job(board, [log], previous=before)
     outcomes = run_stages(job, frozenset({"material", "operator"}), tell=lambda *_: None)
     assert {n: o.state for n, o in outcomes.items()} == {
-        "camera": "board", "photometric": "kept", "material": "kept", "relaxation": "open", "noise": "fitted",
-        "operator": "kept", "threshold": "open",
+        "camera": "board", "dark": "board", "photometric": "kept", "material": "kept", "relaxation": "open",
+        "noise": "fitted", "operator": "kept", "threshold": "open",
     }  # fmt: skip
     for name, tensor in before.tensors.items():
         np.testing.assert_array_equal(job.tensors[name], tensor)
-    with pytest.raises(InputError, match="there is no such stage; there are camera, photometric"):
+    with pytest.raises(InputError, match="there is no such stage; there are camera, dark, photometric"):
         run_stages(job, frozenset({"polish"}), tell=lambda *_: None)
     with pytest.raises(InputError, match="nothing gives this board its colours"):
         run_stages(Job(board, [log]), frozenset(), tell=lambda *_: None)
@@ -309,8 +309,17 @@ def test_each_board_has_the_stages_that_its_pipeline_needs(board: Board) -> None
     def needed(one: Board) -> list[str]:
         return [estimator.name for estimator in applying(one)]
 
-    assert needed(find_board("ftouch")) == ["camera", "photometric", "wrench"]
-    assert needed(board) == ["camera", "photometric", "material", "relaxation", "noise", "operator", "threshold"]
+    assert needed(find_board("ftouch")) == ["camera", "dark", "photometric", "wrench"]
+    assert needed(board) == [
+        "camera",
+        "dark",
+        "photometric",
+        "material",
+        "relaxation",
+        "noise",
+        "operator",
+        "threshold",
+    ]
 
 
 def test_axes_that_a_wrench_misses_are_gates() -> None:

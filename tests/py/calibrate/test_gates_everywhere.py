@@ -14,9 +14,11 @@ from test_photometric import BALL_MM, PX_PER_MM, draw
 from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.gates import Gate, gates_in, manifest_of, of_stage, verdict
+from ruffini.calibrate.log.touches import TouchLog
 from ruffini.errors import InputError
 from ruffini.estimators.material.judge import gates_of_modulus
 from ruffini.estimators.operator.fit import Material
+from ruffini.estimators.operator.judge import Judged, gates_of_forces
 from ruffini.estimators.photometric.presses import load_presses
 
 COLUMNS = "image,center_x_px,center_y_px,contact_radius_px"
@@ -156,3 +158,22 @@ def test_a_stage_that_is_fitted_again_is_judged_by_its_last_fit() -> None:
     good = container.merge([again, fitted("photometric", normals=True)])
     assert good.metadata["gates"] == "passed"
     assert container.merge([good, fitted("wrench", Fx=False)]).metadata["gates"] == "failed: Fx"
+
+
+@pytest.mark.parametrize(
+    ("name", "rest_n", "is_ok"),
+    [
+        ("gelslim", (0.001, 0.001, 0.03), False),
+        ("gelsight-mini", (0.001, 0.001, 0.03), True),  # it states that it measures no normal force
+        ("gelsight-mini", (0.03, 0.001, 0.001), False),
+    ],
+)
+def test_rest_is_judged_along_the_axes_that_a_board_measures(
+    name: str, rest_n: tuple[float, float, float], *, is_ok: bool
+) -> None:
+    held, pressed = np.zeros((1, 1, 3)), np.array([[0.0, 0.0, -1.0, 0.0, 0.0, 0.0]])
+    log = TouchLog(held, pressed, np.zeros(1, np.int64), held, pressed)
+    gates = gates_of_forces(find_board(name), log, Judged(pressed, np.array([rest_n])), None)
+    (rest,) = [gate for gate in gates if gate.name == "rest"]
+    assert rest.ok is is_ok
+    assert ("untouched frames along x and y" in rest.text) is (name == "gelsight-mini")

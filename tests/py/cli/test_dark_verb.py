@@ -12,12 +12,17 @@ import pytest
 from small_board import Files, Run
 
 from ruffini.calibrate import container
+from ruffini.calibrate.fit.job import Job
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
-from ruffini.estimators.camera.dark import dark_frame, dark_of
+from ruffini.estimators.camera.stage import CAMERA
+from ruffini.estimators.dark.frame import dark_frame, dark_of
+from ruffini.estimators.dark.stage import DARK
 from ruffini.estimators.photometric.fit import collect_samples
 from ruffini.estimators.photometric.pad_view import pad_view
 from ruffini.estimators.photometric.presses import load_presses
+from ruffini.estimators.photometric.stage import PHOTOMETRIC
+from ruffini.estimators.table import applying
 
 SHAPE = (240, 320, 3)
 LEAK = np.linspace(40, 0, 320)[None, :, None] * np.ones(SHAPE) + 4  # daylight from the left, and a black level
@@ -44,7 +49,7 @@ def test_a_change_of_the_lamps_light_is_told_whatever_leaks_in(files: Files, run
     assert report["noise"] == pytest.approx(1.5, abs=0.2)
     file = container.read(out)
     assert file.kinds == ["dark"]
-    np.testing.assert_allclose(dark_of(file), LEAK, atol=2.5)
+    np.testing.assert_allclose(dark_of(file.tensors), LEAK, atol=2.5)
     lit = np.round(LEAK + 100).astype(np.uint8)
     pressed = np.round(LEAK + 120).astype(np.uint8)  # 20 % more of the lamps' light
     changes = []
@@ -73,8 +78,7 @@ def test_too_few_frames_and_other_sizes_are_refused(files: Files) -> None:
         dark_frame(files.board, [frame] * 7)
     with pytest.raises(InputError, match="frame 8 is 100x50, board 'small' needs 320x240"):
         dark_frame(files.board, [*[frame] * 8, np.zeros((50, 100, 3), np.uint8)])
-    with pytest.raises(InputError, match="no dark frame"):
-        dark_of(container.read(files.operator))
+    assert dark_of(container.read(files.operator).tensors) is None
 
 
 def test_a_dark_frame_of_another_size_is_refused_by_the_core(files: Files) -> None:
@@ -117,8 +121,37 @@ def test_the_verb_fits_colours_with_it(files: Files, run: Run, tmp_path: Path) -
     words = ("cal", "fit", "--only", "photometric", folder, "--board", files.folder, "--out", out, "--dark")
     code, _, err = run(*words, files.operator)
     assert code == 2
-    assert "no dark frame" in err
+    assert "has no dark table: make one with `ruffini cal fit --only dark`" in err
     dark = container.pack({"dark.image": np.round(LEAK * 16).astype(np.uint16)}, container.base_metadata(files.board))
     container.write(tmp_path / "dark.safetensors", dark)
     assert run(*words, tmp_path / "dark.safetensors")[0] == 0
     assert container.read(out).kinds == ["photometric"]
+
+
+def test_a_fit_keeps_the_dark_frame_that_was_in_force_and_fits_colours_with_it(
+    files: Files, run: Run, tmp_path: Path
+) -> None:
+    """Without it the new colours would be of light that the board no longer takes off."""
+    folder, out = write_presses(tmp_path / "presses", LEAK), tmp_path / "colours.safetensors"
+    dark = container.pack({"dark.image": np.round(LEAK * 16).astype(np.uint16)}, container.base_metadata(files.board))
+    container.write(tmp_path / "dark.safetensors", dark)
+    words = ("cal", "fit", "--only", "photometric", folder, "--board", files.folder, "--out", out)
+    assert run(*words, "--dark", tmp_path / "dark.safetensors")[0] == 0
+    job = Job(files.board, [], previous=dark, balls=folder)
+    for estimator in applying(files.board)[: applying(files.board).index(PHOTOMETRIC) + 1]:
+        estimator.fit(job, lambda _: None)
+    np.testing.assert_array_equal(job.tensors["dark.image"], dark.tensors["dark.image"])
+    for name, tensor in container.read(out).tensors.items():
+        np.testing.assert_array_equal(job.tensors[name], tensor, err_msg=name)
+    small = container.pack({"dark.image": np.zeros((10, 10, 3), np.uint16)}, container.base_metadata(files.board))
+    job = Job(files.board, [], parts=[small], balls=folder)
+    DARK.fit(job, lambda _: None)
+    with pytest.raises(InputError, match="the dark frame is 10x10, the presses are 320x240: measure it again"):
+        PHOTOMETRIC.fit(job, lambda _: None)
+
+
+def test_a_fit_keeps_the_lenses_of_several_views(files: Files) -> None:
+    views = container.pack({"views.rays": np.zeros((2, 3), np.int32)}, container.base_metadata(files.board))
+    job = Job(files.board, [], previous=views)
+    assert CAMERA.fit(job, lambda _: None).state == "kept"
+    assert "views.rays" in job.tensors

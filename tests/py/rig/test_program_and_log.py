@@ -66,6 +66,15 @@ def test_span_stays_inside_what_the_camera_sees():
     assert 0 < span.half_y_m * 1e6 < board.window.max_y_um - board.pad.size_y_um / 2
 
 
+def test_span_stays_a_pads_thickness_from_a_window_that_ends_inside_the_pad():
+    """On the twin of gelsight-mini a press 2.4 mm from the window's border was told as 0.07 N of 0.73 N."""
+    mini = find_board("gelsight-mini")
+    span = span_of(mini, 1e-3, 0)
+    assert (span.half_x_m, span.half_y_m) == pytest.approx((10.144e-3 - 4e-3, 7.608e-3 - 4e-3))
+    gelslim = find_board("gelslim")  # its camera sees all of the pad
+    assert span_of(gelslim, 1e-3, 0).half_y_m == pytest.approx(0.75 * 8e-3)
+
+
 def test_rehearsal_takes_the_real_moves_and_finds_what_is_out():
     touches = plan("grid", SPAN, 6, 1)
     rehearsal = rehearse(touches, LIMITS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.gates import Gate, of_stage
 from ruffini.core.pipeline import Frame, Pipeline
 from ruffini.errors import InputError
 from ruffini.files import readable, write_whole
@@ -142,9 +143,14 @@ def _column(path: Path, name: str, cells: list[str]) -> Array:
         raise InputError(f"{path}: {name}: a cell is no number: {error}") from error
 
 
-def write_fit(path: Path, board: Board, report: dict[str, Any]) -> None:
-    """A fit's report as JSON, whole or not at all."""
-    write_whole(path, json.dumps({"board": board.name, **report}, indent=1).encode() + b"\n")
+def write_fit(
+    path: Path, board: Board, report: dict[str, Any], stage: str = "", gates: Sequence[Gate] = ()
+) -> list[Gate]:
+    """A fit's report and the stage's gates as JSON, whole or not at all; returns the gates, marked as the stage's."""
+    own = of_stage(stage, gates)
+    tree = {"board": board.name, **report, "gates": [gate._asdict() for gate in own]}
+    write_whole(path, json.dumps(tree, indent=1).encode() + b"\n")
+    return own
 
 
 def read_fit(path: Path, board: Board, verb: str, parse: Callable[[dict[str, Any]], Fit]) -> Fit:

@@ -1,1 +1,1 @@
-"""Lens, mounting and dark frame of a camera."""
+"""Lens and mounting of a camera."""

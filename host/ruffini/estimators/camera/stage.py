@@ -16,7 +16,7 @@ class Camera(Estimator):
     """The map of the optics: taken as given."""
 
     name = "camera"
-    kinds = ("camera",)
+    kinds = ("camera", "views")
 
     def applies(self, board: Board) -> bool:
         return True  # each has a pinhole at least
@@ -27,7 +27,8 @@ class Camera(Estimator):
 
     def keep(self, job: Job) -> Outcome:
         """The same: there is nothing to fit here."""
-        return job.take("camera") or Outcome("board", "pinhole of board.toml")
+        taken = [job.take(kind) for kind in self.kinds]
+        return next((one for one in taken if one is not None), Outcome("board", "pinhole of board.toml"))
 
     def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
         """Of one view or several."""

@@ -79,6 +79,14 @@ class MaterialFit:
     def material(self) -> Material:
         return Material(*(float(v) for v in self.values))
 
+    def text(self) -> str:
+        """The three numbers with their 95 % intervals."""
+        (e, nu, h), (e_i, nu_i, h_i) = self.values, self.interval
+        return (
+            f"E {e / 1e3:.1f} +- {e_i / 1e3:.1f} kPa, Poisson's ratio {nu:.4f} +- {nu_i:.4f}, thickness "
+            f"{1e3 * h:.3f} +- {1e3 * h_i:.3f} mm (95 %, {self.n_touches} touches, prior: {self.prior.source})"
+        )
+
     def report(self) -> dict[str, Any]:
         """What `ruffini cal fit --only material` prints and writes; None for what the reference does not measure."""
 
@@ -179,7 +187,9 @@ def read_material(path: Path, board: Board) -> Material:
     InputError
         Unreadable, not of this kind, or of another board.
     """
-    material = read_fit(path, board, "cal material", lambda tree: Material(*(float(tree[name]) for name in NAMES)))
+    material = read_fit(
+        path, board, "cal fit --only material", lambda tree: Material(*(float(tree[name]) for name in NAMES))
+    )
     slab = board_slab(board)
     for name, value, usual in zip(NAMES, material, (slab.modulus_pa, HIGHEST_POISSON, slab.thickness_m), strict=True):
         lowest, highest = (0.0, usual) if name == "poisson" else (usual / FARTHEST, usual * FARTHEST)
@@ -201,7 +211,7 @@ def read_stiffness_sigma(path: Path, board: Board) -> float:
         of_modulus = float(tree["interval_95"]["modulus_pa"]) / 1.96 / float(tree["modulus_pa"])
         return float(tree.get("stiffness_sigma", of_modulus))
 
-    sigma = read_fit(path, board, "cal material", parse)
+    sigma = read_fit(path, board, "cal fit --only material", parse)
     if not 0 <= sigma < np.inf:
         raise InputError(f"{path}: stiffness_sigma {sigma:g} is no standard deviation: fit the material again")
     return sigma

@@ -23,9 +23,9 @@ TIMES_REPORT = 2.0  # of the report's 95th percentile, which one touch in 20 exc
 SIGMA_M, TILT_M = (5e-6, 5e-6, 20e-6), 30e-6  # of the displacement under a touch: as `cal fit --only operator` has them
 
 
-def material_noise(job: Job) -> Noise:
+def material_noise(board: Board) -> Noise:
     """What the displacement is weighted with while the material is sought."""
-    return Noise(SIGMA_M, gauge_m=gauge_uncertainty_m(job.board), tilt_m=TILT_M)
+    return Noise(SIGMA_M, gauge_m=gauge_uncertainty_m(board), tilt_m=TILT_M)
 
 
 class MaterialEstimator(Estimator):
@@ -42,16 +42,13 @@ class MaterialEstimator(Estimator):
         log, prior = job.log(lambda done: progress(0.3 * done)), job.prior()
         touches = log_of_touches(log.displacement, log.wrench, log.touch, 1 if prior.is_informed else MIN_TOUCHES)
         fit = fit_material(
-            job.board, touches, material_noise(job), prior=prior, progress=lambda done: progress(0.3 + 0.7 * done)
+            job.board, touches, material_noise(job.board), prior=prior, progress=lambda done: progress(0.3 + 0.7 * done)
         )
         job.fit, job.material, job.stiffness_sigma = fit, fit.material, fit.stiffness_sigma
-        (e, nu, h), (e_i, nu_i, h_i) = fit.values, fit.interval
         report = {**fit.report(), "left_out": left_out_figures(fit)}
         return Outcome(
             "fitted",
-            f"E {e / 1e3:.1f} +- {e_i / 1e3:.1f} kPa, Poisson's ratio {nu:.4f} +- {nu_i:.4f}, thickness "
-            f"{1e3 * h:.3f} +- {1e3 * h_i:.3f} mm (95 %, {fit.n_touches} touches, prior: {prior.source}); "
-            f"force of a touch left out: {1e3 * report['left_out']['force_rmse_n']:.1f} mN RMS",
+            f"{fit.text()}; force of a touch left out: {1e3 * report['left_out']['force_rmse_n']:.1f} mN RMS",
             report,
         )
 

@@ -81,7 +81,7 @@ class NoiseEstimator(Estimator):
 
     def fit(self, job: Job, progress: Progress) -> Outcome:
         """Measure both, and take the larger."""
-        log, usual = job.log(), material_noise(job)
+        log, usual = job.log(), material_noise(job.board)
         with threadpool_limits(limits=1):
             touched = unexplained_m(job, log, usual)
         progress(1.0)
@@ -99,7 +99,7 @@ class NoiseEstimator(Estimator):
 
     def keep(self, job: Job) -> Outcome:
         """What `cal fit --only operator` takes without measuring."""
-        job.noise = material_noise(job)
+        job.noise = material_noise(job.board)
         return Outcome(
             "board", "as `cal fit --only operator` takes it: " + _text(np.array(job.noise.sigma_m)) + " um (x, y, z)"
         )

@@ -83,6 +83,12 @@ def board_slab(board: Board, material: Material | None = None) -> Slab:
     )
 
 
+def stiffer(board: Board, material: Material | None, factor: float) -> Material:
+    """The pad's numbers, by default the board's, with E times a factor."""
+    slab = board_slab(board, material)
+    return Material(slab.modulus_pa * factor, slab.poisson, slab.thickness_m)
+
+
 def board_window_m(board: Board) -> tuple[float, float, float, float]:
     """What the camera observes: min x, min y, max x, max y from the pad's corner, metres."""
     w = board.window

@@ -25,6 +25,7 @@ from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.estimators.operator.error_model import node_places
 from ruffini.estimators.operator.fit import board_slab
 from ruffini.estimators.relaxation.fit import left_after
+from ruffini.rig.program import span_of
 
 Array = npt.NDArray[np.float64]
 
@@ -68,8 +69,12 @@ def gates_of_touches(board: Board, log: TouchLog, *, is_informed: bool) -> list[
     return gates
 
 
-def gates_of_forces(log: TouchLog, now: Judged, previous: Judged | None) -> list[Gate]:
-    """The board's forces against the log's, and against those of the calibration before."""
+def gates_of_forces(board: Board, log: TouchLog, now: Judged, previous: Judged | None) -> list[Gate]:
+    """The board's forces against the log's, and against those of the calibration before.
+
+    At rest only axes count that the board states to measure: depth whose constant is gauged by a narrow ring of the
+    window moves the normal force of an untouched pad by tens of millinewtons.
+    """
     error = force_rmse_n(log, now.wrench)
     largest = float(np.nanmax(np.abs(log.wrench[:, :3])))
     gates = [part("on the board", error / largest, MAX_ERROR, "of the largest force: RMS of the board's integers")]
@@ -77,8 +82,10 @@ def gates_of_forces(log: TouchLog, now: Judged, previous: Judged | None) -> list
         ratio = error / max(force_rmse_n(log, previous.wrench), 1e-9)
         gates.append(at_most("against the previous", ratio, MAX_WORSE, "times the previous calibration's error"))
     if len(now.rest_n):
-        quiet = float(np.percentile(np.linalg.norm(now.rest_n, axis=1), 99))
-        gates.append(at_most("rest", quiet, MAX_REST_N, "N said of untouched frames, 99th percentile"))
+        axes = [i for i, axis in enumerate("xyz") if f"force_{axis}" not in board.board.not_measured]
+        quiet = float(np.percentile(np.linalg.norm(now.rest_n[:, axes], axis=1), 99))
+        of = "" if len(axes) == len("xyz") else f" along {' and '.join('xyz'[i] for i in axes)}"
+        gates.append(at_most("rest", quiet, MAX_REST_N, f"N said of untouched frames{of}, 99th percentile"))
     return gates
 
 
@@ -97,11 +104,9 @@ def contact_places(board: Board, log: TouchLog) -> Array:
 
 def coverage(board: Board, places: Array) -> npt.NDArray[np.int64]:
     """Touches in each of CELLS x CELLS parts of the middle of the window, (rows, columns)."""
-    pad, window = board.pad, board.window
-    half = np.array([min(pad.size_x_um / 2 - window.min_x_um, window.max_x_um - pad.size_x_um / 2),
-                     min(pad.size_y_um / 2 - window.min_y_um, window.max_y_um - pad.size_y_um / 2)]) * 1e-6  # fmt: skip
     # Presses keep clear of the rim, so its part of the window counts to the cells inside it.
-    cell = np.clip(((places[:, :2] / (0.75 * half) + 1) / 2 * CELLS).astype(int), 0, CELLS - 1)
+    half_m = np.array(span_of(board, 0.0, 0.0)[:2])
+    cell = np.clip(((places[:, :2] / half_m + 1) / 2 * CELLS).astype(int), 0, CELLS - 1)
     count = np.zeros((CELLS, CELLS), np.int64)
     np.add.at(count, (cell[:, 1], cell[:, 0]), 1)
     return count

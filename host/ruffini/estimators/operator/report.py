@@ -87,7 +87,7 @@ def report_of(
         *gates_of_touches(board, log, is_informed=fit is not None and fit.prior.is_informed),
         *gates_of_reference(log.found),
         *([] if fit is None else gates_of_material(fit, board)),
-        *gates_of_forces(log, now, before),
+        *gates_of_forces(board, log, now, before),
         *([unfit] if unfit else []),
     ]
     if origin["in_the_fit"]:  # what its own stages found is not in this log any more

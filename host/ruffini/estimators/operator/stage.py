@@ -12,7 +12,7 @@ from ruffini.calibrate.log.touches import read_touch_log
 from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.material.stage import material_noise
-from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+from ruffini.estimators.operator.fit import make_operator, stiffer
 from ruffini.estimators.operator.judge import gates_of_forces, gates_of_touches, judged
 from ruffini.estimators.operator.page import write_page
 from ruffini.estimators.operator.report import report_of
@@ -36,11 +36,10 @@ class Operator(Estimator):
         """Make the operator, and where the board has one the second pass with its error model."""
         known, sigma = job.material, job.stiffness_sigma
         if job.instant_gain != 1.0:
-            slab = board_slab(job.board, known)
-            known = Material(slab.modulus_pa * job.instant_gain, slab.poisson, slab.thickness_m)
+            known = stiffer(job.board, known, job.instant_gain)
         method = "support" if "support" in job.board.pipeline.stages else "optimal"
         kind = make_operator(
-            job.board, method=method, noise=job.noise or material_noise(job), material=known,
+            job.board, method=method, noise=job.noise or material_noise(job.board), material=known,
             stiffness_sigma=sigma,
             is_finite=job.is_finite and method == "support", n_touches=job.n_error_touches, progress=progress,
         )  # fmt: skip
@@ -54,7 +53,7 @@ class Operator(Estimator):
 
     def start(self, job: Job) -> None:
         """The operator of the board's own numbers."""
-        kind = make_operator(job.board, method="support", noise=material_noise(job))
+        kind = make_operator(job.board, method="support", noise=material_noise(job.board))
         job.tensors |= kind.tensors
         job.metadata |= kind.metadata
 
@@ -62,7 +61,7 @@ class Operator(Estimator):
         log, informed = job.log(), job.fit is not None and job.fit.prior.is_informed
         previous = None if job.previous is None else judged(job.board, job.previous, log)
         now = judged(job.board, file, log)
-        forces = [] if now is None else gates_of_forces(log, now, previous)
+        forces = [] if now is None else gates_of_forces(job.board, log, now, previous)
         return [*gates_of_touches(job.board, log, is_informed=informed), *forces]
 
     def report(

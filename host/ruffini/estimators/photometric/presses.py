@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import csv
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +78,22 @@ class PressSet:
     is_found: bool = False  # circles without marks by hand
     dark: Array | None = None  # (h, w, 3) grey levels with the lamps off, where they were measured
     skipped: tuple[Skipped, ...] = ()
+
+    def less(self, dark: Array | None) -> PressSet:
+        """The same with what the camera shows without lamps taken off, where that is known.
+
+        Raises
+        ------
+        InputError
+            The presses are of another size.
+        """
+        if dark is not None and dark.shape != self.reference.shape:
+            (height, width), (dark_height, dark_width) = self.reference.shape[:2], dark.shape[:2]
+            raise InputError(
+                f"the dark frame is {dark_width}x{dark_height}, the presses are {width}x{height}: measure it again "
+                "with `ruffini cal fit --only dark`"
+            )
+        return replace(self, dark=dark)
 
     def n_places(self) -> int:
         """Number of presses that differ by more than `SAME_PX` in place or size."""

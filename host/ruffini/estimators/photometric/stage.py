@@ -20,6 +20,7 @@ from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import Gate, at_least, at_most, near, part
 from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator
+from ruffini.estimators.dark.frame import dark_of
 from ruffini.estimators.photometric.fit import collect_samples
 from ruffini.estimators.photometric.fitted import fit_presses
 from ruffini.estimators.photometric.pad_view import pad_view
@@ -123,6 +124,7 @@ class Photometric(Estimator):
             if presses is None:
                 return _taken(job)
             job.has_new_colours = True
+            presses = presses.less(dark_of(job.tensors))
             view, n = pad_view(job.board, job.tensors, job.metadata), len(presses.presses)
             if n < ENOUGH and job.take("photometric") is not None and "photometric.unmix" in job.tensors:
                 return _adapted(job, n, fit_scale(job.tensors, collect_samples(presses, view)))

@@ -70,6 +70,10 @@ class RelaxationFit:
             "relaxation.time_ms": np.round(np.array([t for _, t in self.terms]) * 1e3).astype(np.int32),
         }, {"relaxation.terms": str(len(self.terms))}
 
+    def text(self) -> str:
+        """Its terms."""
+        return "of the force at once goes " + ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in self.terms)
+
     def report(self) -> dict[str, Any]:
         """What `ruffini cal fit --only relaxation` prints and writes."""
         return {
@@ -187,7 +191,7 @@ def read_relaxation(path: Path, board: Board) -> RelaxationFit:
         Unreadable, not of this kind, or of another board.
     """
     return read_fit(
-        path, board, "cal relaxation",
+        path, board, "cal fit --only relaxation",
         lambda tree: RelaxationFit(
             float(tree["gain"]), tuple((float(t["part"]), float(t["time_s"])) for t in tree["terms"]),
             float(tree["rmse_before_n"]), float(tree["rmse_after_n"]),

@@ -113,8 +113,7 @@ class Relaxation(Estimator):
         job.tensors |= tensors
         job.metadata |= metadata
         job.instant_gain = 1 / left_after(job.tensors, HELD_S)
-        terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
-        return Outcome("fitted", f"of the force at once goes {terms}; touches that are held still err by "
+        return Outcome("fitted", f"{fit.text()}; touches that are held still err by "
                        f"{1e3 * before_n:.1f} -> {1e3 * after_n:.1f} mN RMS", fit.report())  # fmt: skip
 
     def keep(self, job: Job) -> Outcome:

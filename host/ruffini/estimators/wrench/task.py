@@ -31,8 +31,9 @@ def _wrench_figures(words: list[Word]) -> dict[str, Any]:
     said, true, *_ = joined(words)
     full = np.abs(true).max(axis=0)
     rmse = np.sqrt(np.mean((np.nan_to_num(said) - true) ** 2, axis=0))
+    is_loaded = full > 0  # an axis that nothing loaded tells nothing
     return {
-        "error": 100 * float(np.sqrt(np.mean((rmse / full) ** 2))), "touches": len(words),
+        "error": 100 * float(np.sqrt(np.mean((rmse[is_loaded] / full[is_loaded]) ** 2))), "touches": len(words),
         "axes_rmse_n_nm": rmse.tolist(), "axes_full_n_nm": full.tolist(),
         "not_measured": [name for name, column in zip(AXES, said.T, strict=True) if np.isnan(column).all()],
         "largest_force_n": float(np.linalg.norm(true[:, :3], axis=1).max()),

@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.gates import Gate, at_most
 from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -23,7 +22,6 @@ Array = npt.NDArray[np.float64]
 MIN_FRAMES = 8
 LIT_LEVEL = 96.0  # grey levels that a hundredth of a dark frame may reach: more is a lamp that is on
 SIXTEENTHS = 16
-MAX_DARK = 64.0  # grey levels
 
 
 @dataclass(frozen=True)
@@ -77,19 +75,7 @@ def dark_frame(
     return DarkFrame(image, noise, n)
 
 
-def dark_of(file: container.CalibrationFile) -> Array:
-    """Grey levels (h, w, 3) of a file's kind `dark`.
-
-    Raises
-    ------
-    InputError
-        The file holds none.
-    """
-    if "dark.image" not in file.tensors:
-        raise InputError("the file holds no dark frame: make one with `ruffini cal fit --only dark`")
-    return file.tensors["dark.image"].astype(float) / SIXTEENTHS
-
-
-def gates_of_dark(report: dict[str, Any]) -> list[Gate]:
-    """Of a dark frame's report."""
-    return [at_most("dark level", max(report["level_bgr"]), MAX_DARK, "grey levels with the lamps off")]
+def dark_of(tensors: container.Tensors) -> Array | None:
+    """Grey levels (h, w, 3) of the kind `dark`; None where the tensors have none."""
+    image = tensors.get("dark.image")
+    return None if image is None else image.astype(float) / SIXTEENTHS

@@ -1,0 +1,1 @@
+"""What a camera shows with its lamps off."""

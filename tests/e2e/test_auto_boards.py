@@ -1,0 +1,74 @@
+"""`ruffini cal auto --rig sim` on each board: what its estimator presses is collected, kept and judged, or one sentence
+says what to do instead. What the estimators make of such logs is tested with each of them."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_sensor import ROOT
+
+from ruffini.boards import Board, find_board
+from ruffini.calibrate.auto.fingertip import eyes_apart_mm
+from ruffini.cli.auto import simulated_site
+from ruffini.errors import InputError
+from ruffini.estimators.table import task_of
+from ruffini.estimators.task import Turned
+from ruffini.rig.collect import collect, rehearse
+from ruffini.rig.log_file import LogWriter, read_log
+from ruffini.rig.program import BY_STAGE
+from ruffini.sim.reproduce.runs import runs_of
+from ruffini.sim.reproduce.settings import load_reproduce
+
+SLOW = {"eltac"}  # half a second a picture of a tube: a minute of processor time
+BOARDS = [
+    pytest.param(name, marks=pytest.mark.long if name in SLOW else ())
+    for name in sorted(path.parent.name for path in (ROOT / "boards").glob("*/board.toml"))
+]
+BY_VIDEO = "gelsight-wedge"  # its picture features are in no log of `cal collect`
+COARSE = "cells_x = 10\ncells_y = 8"
+LEAST_N = 0.1
+
+
+def coarse(name: str, folder: Path) -> Board:
+    """A board whose twin's pad has few elements."""
+    shutil.copytree(ROOT / "boards" / name, folder / name)
+    twin = folder / name / "twin.toml"
+    text, n = re.subn(r"cells_x = \d+\ncells_y = \d+", COARSE, twin.read_text())
+    is_flat = "[shape]" not in text
+    twin.write_text(f"{text}\n[mesh]\n{COARSE}\n" if is_flat and not n else text)
+    return find_board(folder / name)
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_what_a_boards_estimator_presses_is_collected_or_refused_in_one_sentence(name: str, tmp_path: Path) -> None:
+    if name == BY_VIDEO:
+        with pytest.raises(InputError, match="record videos beside a load cell and fit them with `ruffini cal fit"):
+            task_of(find_board(name))
+        return
+    board = coarse(name, tmp_path)
+    task = task_of(board)
+    if isinstance(task, Turned):  # played whole in tests/py/auto
+        parts = {run.settings.part for run in runs_of(load_reproduce(board, task.presses), quick=True)}
+        assert parts == {"fit", "judge"}
+        assert eyes_apart_mm(board) > 0
+        return
+    site = simulated_site(board, task, tmp_path, 1e-3 * task.depth_mm, 1e-3 * task.shear_mm, 1)
+    fitted, judged = task.fitted(site.span, task.quick.fitted, 2), task.judged(site.span, task.quick.judged, 1001)
+    log = LogWriter(tmp_path / "log.h5", {"board": board.name, "program": task.program, "tip": site.tip})
+    with site.open(task.program, None, 2) as (bench, truth):
+        if task.program in BY_STAGE:
+            assert bench.stage is not None
+            for touches in (fitted, judged):
+                assert rehearse(touches, bench.stage.limits).lines
+        collect(bench, fitted[:1], log)
+    (touch,) = read_log(tmp_path / "log.h5").touches
+    assert truth is not None
+    true = truth.of(touch)
+    assert np.nanmax(np.linalg.norm(true[:, :3], axis=1)) > LEAST_N
+    word = task.word(board, read_log(tmp_path / "log.h5"), touch, true)
+    assert np.isfinite(word.true).all()
+    assert task.figures([word])["largest_force_n"] > LEAST_N
