@@ -69,8 +69,12 @@ RepeatedPictures::Repeats RepeatedPictures::compare() const {
   Repeats found{.n_older = n_before_};
   const auto n_shown = std::count_if(now_.begin(), now_.end(), [](uint64_t sum) { return sum != 0; });
   for (size_t k = 0; k < n_before_; ++k) {
+    const Cells& older = before_[k];
     int n = 0;
-    for (size_t i = 0; i < now_.size(); ++i) n += now_[i] != 0 && now_[i] == before_[k][i] ? 1 : 0;
+    for (size_t i = 0; i < now_.size(); ++i) n += now_[i] == older[i] ? 1 : 0;
+    for (size_t i = 0; i < now_.size() && n > 0 && n_shown < std::ssize(now_); ++i) {  // nothing equals nothing
+      n -= now_[i] == 0 && older[i] == 0 ? 1 : 0;
+    }
     found.most = std::max(found.most, n);
     found.is_whole = found.is_whole || (n > 0 && n == n_shown);
   }
