@@ -54,12 +54,15 @@ int step(const uint8_t* at, int most) {
 
 BlockEdges::BlockEdges(int width_px, int height_px) {
   if (width_px < kMinColumns || height_px < kRows) return;
-  n_blocks_ = (width_px - 2) / kBlock;
+  const int n_all = (width_px - 2) / kBlock;
+  stride_ = (n_all + kMaxBlocks - 1) / kMaxBlocks;
+  n_blocks_ = n_all / stride_;
   for (int i = 0; i < kRows; ++i) row_[static_cast<size_t>(i)] = (2 * i + 1) * height_px / (2 * kRows);
 }
 
 void BlockEdges::add(const FrameView& frame, int max_step, Sums& sums) const {
   const Lanes most = Lanes{} + static_cast<int16_t>(max_step);
+  const ptrdiff_t to_next = stride_ * kBlock * kChannels;
   for (size_t i = 0; i < row_.size() && n_blocks_ > 0; ++i) {
     const uint8_t* block = frame.row(row_[i]);
     int at_edges = 0;
@@ -67,7 +70,7 @@ void BlockEdges::add(const FrameView& frame, int max_step, Sums& sums) const {
     // The last block has no byte beyond it.
     for (int k = 0; k < n_blocks_ - 1;) {
       Lanes sum{};
-      for (const int end = std::min(k + kSumBlocks, n_blocks_ - 1); k < end; ++k, block += kBlock * kChannels) {
+      for (const int end = std::min(k + kSumBlocks, n_blocks_ - 1); k < end; ++k, block += to_next) {
         sum += steps(block, most);
       }
       in_middles += sum[0] + sum[1] + sum[2];
