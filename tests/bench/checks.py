@@ -1,5 +1,6 @@
 """What the checks against wrong pictures cost: instructions of each beside those of the frame, counted by valgrind.
 
+    cmake --build build --target ruffini_live_frames
     tests/bench/checks.py --binary build/ruffini_live_frames [--board NAME ...]
 
 Of every board of `make hostile`, SIMULATED, with the calibration of that trial: N_FRAMES untouched and as many pressed
