@@ -24,6 +24,7 @@ class BlockEdges {
  public:
   static constexpr int kRows = 16;
   static constexpr int kMinColumns = 128;  // with fewer blocks a moving marker would change the ratio
+  static constexpr int kMaxBlocks = 79;    // in a row; of wider pictures each second block, each third, ...
 
   BlockEdges(int width_px, int height_px);
 
@@ -41,6 +42,7 @@ class BlockEdges {
   void add(const FrameView& frame, int max_step, Sums& sums) const;
 
   int n_blocks_ = 0;  // number of blocks along x whose centre and right edge are used
+  int stride_ = 1;    // from each to the next
   std::array<int, kRows> row_{};
   int max_step_ = 0;
   Sums rest_;

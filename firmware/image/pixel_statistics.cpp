@@ -1,7 +1,9 @@
 #include "image/pixel_statistics.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstdlib>
+#include <cstring>
 
 namespace ruffini {
 namespace {
@@ -17,6 +19,34 @@ constexpr uint16_t kUsableHigh = 16 * 240;
 constexpr size_t kFewest = 24;
 constexpr int32_t kOffQ12 = 33;   // 0.8 %
 constexpr int64_t kAgainst = 20;  // maximum ratio of the medians' sum to their difference
+
+// Eight bytes in one word; the masks below have the highest bit of each byte that is meant.
+constexpr uint64_t kEach = 0x0101'0101'0101'0101;
+constexpr uint64_t kHighest = 0x80 * kEach;
+
+constexpr uint64_t kEven = 0x00ff'00ff'00ff;  // of six bytes
+static_assert(std::endian::native == std::endian::little);
+
+uint64_t eight(const uint8_t* bytes) {
+  uint64_t word = 0;
+  std::memcpy(&word, bytes, sizeof(word));
+  return word;
+}
+
+// Bytes below n, 0 < n <= 128.
+uint64_t below(uint64_t word, uint64_t n) { return ~(((word & ~kHighest) + (0x80 - n) * kEach) | word) & kHighest; }
+
+uint64_t zeros(uint64_t word) { return below(word, 1); }
+
+// Marked bytes of a mask.
+uint32_t count(uint64_t mask) { return static_cast<uint32_t>((mask >> 7) * kEach >> 56); }
+
+// Bytes that are neither black nor white: those two are the least once 256 - kWhite is added to all, modulo 256.
+uint64_t between(uint64_t word) {
+  constexpr uint64_t kAdded = 256 - kWhite;
+  const uint64_t shifted = ((word & ~kHighest) + kAdded * kEach) ^ (word & kHighest);
+  return ~below(shifted, kAdded + kBlack + 1) & kHighest;
+}
 
 }  // namespace
 
@@ -38,18 +68,26 @@ PixelStatistics::PixelStatistics(int width_px, int height_px) : width_px_(width_
 }
 
 void PixelStatistics::add_window(const FrameView& frame, size_t window, Ties& ties) {
-  std::array<int32_t, 3> sum{};
+  uint64_t even = 0;  // bytes 0, 2, 4 of each pair of pixels: channels 0, 2, 1
+  uint64_t odd = 0;   // bytes 1, 3, 5: channels 1, 0, 2
   uint32_t n_equal = 0;
   uint32_t n = 0;
   for (int row = 0; row < kHigh; ++row) {
     const uint8_t* pixels = frame.row(windows_[window].y + row) + ptrdiff_t{3} * windows_[window].x;
-    for (size_t c = 0; c < 3; ++c) sum[c] += pixels[c] + pixels[3 + c] + pixels[6 + c] + pixels[9 + c];
-    for (size_t i = 3; i < size_t{3} * kWide; ++i) {  // branch-free
-      const uint32_t counts = uint32_t{pixels[i]} - (kBlack + 1) < kWhite - kBlack - 1 ? 1U : 0U;
-      n += counts;
-      n_equal += counts & (pixels[i] == pixels[i - 3] ? 1U : 0U);
-    }
+    const uint64_t begin = eight(pixels);
+    const uint64_t end = eight(pixels + 4) >> 16;
+    even += (begin & kEven) + (end & kEven);
+    odd += (begin >> 8 & kEven) + (end >> 8 & kEven);
+    const uint64_t shifted = eight(pixels + 3);
+    const uint64_t usable = between(shifted);
+    const uint64_t equal = usable & zeros(shifted ^ begin);
+    const uint32_t is_last_usable = uint32_t{pixels[11]} - (kBlack + 1) < kWhite - kBlack - 1 ? 1U : 0U;
+    n += count(usable) + is_last_usable;
+    n_equal += count(equal) + (is_last_usable & (pixels[11] == pixels[8] ? 1U : 0U));
   }
+  const auto part = [](uint64_t sums, int i) { return static_cast<int32_t>(sums >> (16 * i) & 0xffff); };
+  const std::array<int32_t, 3> sum = {part(even, 0) + part(odd, 1), part(even, 2) + part(odd, 0),
+                                      part(even, 1) + part(odd, 2)};
   sum_[window] = sum;
   ties.n_equal += n_equal;
   ties.n += n;
@@ -97,8 +135,8 @@ int32_t PixelStatistics::median(std::span<const Level> levels, size_t channel) {
 }
 
 bool PixelStatistics::is_off_curve(const Rest::Gain& gain) {
-  int n_more = 0;
-  int n_less = 0;
+  bool is_more = true;
+  bool is_less = true;
   int64_t both = 0;
   int64_t apart = 0;
   for (size_t c = 0; c < 3; ++c) {
@@ -106,12 +144,13 @@ bool PixelStatistics::is_off_curve(const Rest::Gain& gain) {
     const int32_t dark = median(levels.first(levels.size() / 3), c);
     const int32_t bright = median(levels.last(levels.size() / 3), c);
     const int32_t off = dark + bright - ((gain[c] - Rest::kUnitGain) >> 7);  // twice the offset
-    n_more += off > 2 * kOffQ12 ? 1 : 0;
-    n_less += off < -2 * kOffQ12 ? 1 : 0;
+    is_more = is_more && off > 2 * kOffQ12;
+    is_less = is_less && off < -2 * kOffQ12;
+    if (!is_more && !is_less) return false;  // of most frames the first channel shows it
     both += off;
     apart += bright - dark;
   }
-  return (n_more == 3 && -kAgainst * apart > both) || (n_less == 3 && kAgainst * apart > -both);
+  return (is_more && -kAgainst * apart > both) || (is_less && kAgainst * apart > -both);
 }
 
 PixelStatistics::Defects PixelStatistics::run(const FrameView& frame, const Rest::Gain& gain) {

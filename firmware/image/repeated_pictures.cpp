@@ -1,12 +1,17 @@
 #include "image/repeated_pictures.h"
 
 #include <algorithm>
+#include <bit>
+#include <cstring>
 
 namespace ruffini {
 namespace {
 
+static_assert(std::endian::native == std::endian::little);
+
 constexpr int kBlock = 8;  // compression loses rows in blocks of this size
 constexpr int kMaxBands = 30;
+constexpr int kChannels = 3;
 constexpr uint32_t kBlack = 2;  // mean grey levels that can repeat without a fault, at or below, and above
 constexpr uint32_t kWhite = 253;
 constexpr uint64_t kMix = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio: odd, and diffuses every bit upwards
@@ -27,10 +32,10 @@ RepeatedPictures::RepeatedPictures(int width_px, int height_px)
   for (int cell = 0; cell < n_bands_ * kColumns; ++cell) {
     const int left = cell % kColumns * wide;
     const int top = cell / kColumns * band_rows_;
-    at_.push_back({left, top});  // covers the picture's first pixel, too
+    at_.push_back({kChannels * left, top});  // covers the picture's first pixel, too
     for (size_t i = 1; i < kSamples; ++i) {
       const int x = left + draw(wide);
-      at_.push_back({x, top + draw(band_rows_)});
+      at_.push_back({kChannels * x, top + draw(band_rows_)});
     }
   }
   now_.resize(static_cast<size_t>(n_bands_ * kColumns));
@@ -49,17 +54,20 @@ bool RepeatedPictures::run(const FrameView& frame) {
 void RepeatedPictures::sum(const FrameView& frame) {
   auto at = at_.begin();
   for (uint64_t& cell : now_) {
-    uint32_t level = 0;
+    uint32_t blue_red = 0;  // sums in 16 bits each
+    uint32_t green = 0;     // times 256
     uint64_t mixed = 0;
     for (size_t i = 0; i < kSamples; ++i, ++at) {
-      const uint8_t* pixel = frame.row((*at)[1]) + ptrdiff_t{3} * (*at)[0];
-      const uint32_t b = pixel[0];
-      const uint32_t g = pixel[1];
-      const uint32_t r = pixel[2];
-      level += b + g + r;
-      mixed = (mixed + (b | g << 8 | r << 16) + 1) * kMix;
+      const uint8_t* pixel = frame.row((*at)[1]) + (*at)[0];
+      uint16_t low = 0;
+      std::memcpy(&low, pixel, sizeof(low));
+      const uint32_t levels = uint32_t{low} | uint32_t{pixel[2]} << 16;
+      blue_red += levels & 0xff00ff;
+      green += levels & 0x00ff00;
+      mixed = (mixed + levels + 1) * kMix;
       mixed ^= mixed >> 32;
     }
+    const uint32_t level = (blue_red & 0xffff) + (blue_red >> 16) + (green >> 8);
     const bool shows_something = level > 3 * kSamples * kBlack && level < 3 * kSamples * kWhite;
     cell = shows_something ? std::max<uint64_t>(mixed, 1) : 0;
   }
@@ -69,8 +77,13 @@ RepeatedPictures::Repeats RepeatedPictures::compare() const {
   Repeats found{.n_older = n_before_};
   const auto n_shown = std::count_if(now_.begin(), now_.end(), [](uint64_t sum) { return sum != 0; });
   for (size_t k = 0; k < n_before_; ++k) {
+    const Cells& older = before_[k];
     int n = 0;
-    for (size_t i = 0; i < now_.size(); ++i) n += now_[i] != 0 && now_[i] == before_[k][i] ? 1 : 0;
+    if (n_shown == std::ssize(now_)) {  // vector code
+      for (size_t i = 0; i < now_.size(); ++i) n += now_[i] == older[i] ? 1 : 0;
+    } else {
+      for (size_t i = 0; i < now_.size(); ++i) n += now_[i] != 0 && now_[i] == older[i] ? 1 : 0;
+    }
     found.most = std::max(found.most, n);
     found.is_whole = found.is_whole || (n > 0 && n == n_shown);
   }

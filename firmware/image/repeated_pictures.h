@@ -55,7 +55,7 @@ class RepeatedPictures {
 
   int band_rows_;
   int n_bands_;
-  std::vector<std::array<int32_t, 2>> at_;  // column and row of each sample, cell by cell
+  std::vector<std::array<int32_t, 2>> at_;  // first byte in its row, and row, of each sample, cell by cell
   Cells now_;
   std::vector<Cells> before_;  // a ring
   size_t n_before_ = 0;

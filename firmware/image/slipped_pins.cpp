@@ -4,21 +4,21 @@
 #include <cstdlib>
 #include <limits>
 
-#include "base/fixed.h"
-
 namespace ruffini {
 namespace {
 
 constexpr int64_t kLimitQ16 = 13'107;  // 0.2 px: a slip by a pixel may be shared by the markers that it tears
 constexpr int kStepPx = 4;
-constexpr int64_t kStepQ16 = int64_t{kStepPx} << 16;
+constexpr int kStepBits = 18;
+constexpr int64_t kStepQ16 = int64_t{1} << kStepBits;
+static_assert(kStepQ16 == int64_t{kStepPx} << 16);
 constexpr int kMinPairs = 16;
 constexpr int kReachPart = 8;  // of the picture's height
 
 }  // namespace
 
 SlippedPins::SlippedPins(int height_px)
-    : reach_q16_((int64_t{height_px} << 16) / kReachPart), lines_(static_cast<size_t>(height_px / kStepPx)) {}
+    : reach_q16_((int64_t{height_px} << 16) / kReachPart), lines_(static_cast<size_t>(height_px / kStepPx) + 1) {}
 
 void SlippedPins::learn(std::span<const Marker> markers, size_t n_views) {
   above_.assign(markers.size(), kNone);
@@ -46,37 +46,54 @@ bool SlippedPins::run(std::span<const Marker> markers) {
   const auto is_known = [&](int i) {
     return i != kNone && !markers[static_cast<size_t>(i)].is_lost && !markers[static_cast<size_t>(i)].is_absent;
   };
-  const auto moved = [&](int i, size_t axis) -> int64_t {
-    const Marker& m = markers[static_cast<size_t>(i)];
-    return axis == 0 ? m.displacement_x.raw() : m.displacement_y.raw();
+  using Jump = std::array<int64_t, 2>;  // along x, y
+  const auto jump = [&](int from, int to) -> Jump {
+    const Marker& a = markers[static_cast<size_t>(from)];
+    const Marker& b = markers[static_cast<size_t>(to)];
+    return {int64_t{b.displacement_x.raw()} - a.displacement_x.raw(),
+            int64_t{b.displacement_y.raw()} - a.displacement_y.raw()};
   };
-  const auto y_of = [&](int i) { return int64_t{markers[static_cast<size_t>(i)].rest_y.raw()} + moved(i, 1); };
+  const auto y_of = [&](int i) {
+    const Marker& m = markers[static_cast<size_t>(i)];
+    return int64_t{m.rest_y.raw()} + m.displacement_y.raw();
+  };
   for (int i = 0; i < static_cast<int>(below_.size()); ++i) {
     const int j = below_[static_cast<size_t>(i)];
     if (!is_known(i) || !is_known(j)) continue;
     const int before = above_[static_cast<size_t>(i)];
     const int after = below_[static_cast<size_t>(j)];
-    const int64_t n_beside = (is_known(before) ? 1 : 0) + (is_known(after) ? 1 : 0);
+    int64_t n_beside = 0;
+    Jump beside{};  // times n_beside
+    const auto add = [&](const Jump& other) {
+      beside = {beside[0] + other[0], beside[1] + other[1]};
+      ++n_beside;
+    };
+    if (is_known(before)) add(jump(before, i));
+    if (is_known(after)) add(jump(j, after));
     if (n_beside == 0) continue;
-    const int64_t first = std::max<int64_t>(floor_div(y_of(i) + kStepQ16 - 1, kStepQ16), 0);
-    const int64_t last = std::min<int64_t>(floor_div(y_of(j), kStepQ16), std::ssize(lines_) - 1);
-    std::array<int, 2> sign{};
-    for (size_t axis = 0; axis < 2; ++axis) {
-      int64_t bend = n_beside * (moved(j, axis) - moved(i, axis));
-      if (is_known(before)) bend -= moved(i, axis) - moved(before, axis);
-      if (is_known(after)) bend -= moved(after, axis) - moved(j, axis);
-      sign[axis] = bend > n_beside * kLimitQ16 ? 1 : bend < -n_beside * kLimitQ16 ? -1 : 0;
-    }
-    for (int64_t k = first; k <= last; ++k) {
-      Line& line = lines_[static_cast<size_t>(k)];
-      ++line.n;
-      for (size_t axis = 0; axis < 2; ++axis) {
-        line.n_more[axis] += sign[axis] > 0 ? 1 : 0;
-        line.n_less[axis] += sign[axis] < 0 ? 1 : 0;
-      }
+    const int64_t first = std::max<int64_t>((y_of(i) + kStepQ16 - 1) >> kStepBits, 0);
+    const int64_t last = std::min<int64_t>(y_of(j) >> kStepBits, std::ssize(lines_) - 2);
+    if (first > last) continue;
+    Line& begin = lines_[static_cast<size_t>(first)];
+    Line& end = lines_[static_cast<size_t>(last) + 1];
+    ++begin.n;
+    --end.n;
+    const Jump here = jump(i, j);
+    for (size_t axis = 0; axis < here.size(); ++axis) {
+      const int64_t bend = n_beside * here[axis] - beside[axis];
+      if (std::abs(bend) <= n_beside * kLimitQ16) continue;
+      const auto side = bend > 0 ? &Line::n_more : &Line::n_less;
+      ++(begin.*side)[axis];
+      --(end.*side)[axis];
     }
   }
-  return std::any_of(lines_.begin(), lines_.end(), [](const Line& line) {
+  Line line;
+  return std::any_of(lines_.begin(), lines_.end(), [&](const Line& change) {
+    line.n += change.n;
+    for (size_t axis = 0; axis < 2; ++axis) {
+      line.n_more[axis] += change.n_more[axis];
+      line.n_less[axis] += change.n_less[axis];
+    }
     const int most = std::max({line.n_more[0], line.n_more[1], line.n_less[0], line.n_less[1]});
     return line.n >= kMinPairs && 2 * most >= line.n;
   });

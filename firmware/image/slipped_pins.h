@@ -42,7 +42,7 @@ class SlippedPins {
   int64_t reach_q16_;
   std::vector<int> above_;
   std::vector<int> below_;
-  std::vector<Line> lines_;
+  std::vector<Line> lines_;  // what each adds to the counts of the one before; one more than there are lines
 };
 
 }  // namespace ruffini

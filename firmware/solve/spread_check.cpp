@@ -1,6 +1,7 @@
 #include "solve/spread_check.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 
 namespace ruffini {
@@ -35,20 +36,36 @@ bool SpreadCheck::is_explained(std::span<const int16_t> u, std::span<const NodeF
   int64_t seen = 0;       // in um times 1/8 um
   int64_t all = 0;        // same unit, of absolute values
   int64_t explained = 0;  // same unit
+  bool has_force = false;
   for (size_t i = 0; i < place_.size(); ++i) {
     const int64_t x = int64_t{place_[i].x_um} * u[3 * i];
     const int64_t y = int64_t{place_[i].y_um} * u[3 * i + 1];
     seen += x + y;
     all += std::abs(x) + std::abs(y);
-    const NodeForce& f = force[i];
     const NodeForce more = beyond.empty() ? NodeForce{} : beyond[i];
-    const auto times = [](int32_t spread, int64_t steps) {
-      return spread * std::clamp<int64_t>(steps, -kMaxForce, kMaxForce);
-    };
-    explained += times(spread_[3 * i], int64_t{f.x} - more.x) + times(spread_[3 * i + 1], int64_t{f.y} - more.y) +
-                 times(spread_[3 * i + 2], int64_t{f.z} - more.z);
+    const std::array<int64_t, 3> steps = {int64_t{force[i].x} - more.x, int64_t{force[i].y} - more.y,
+                                          int64_t{force[i].z} - more.z};
+    if ((steps[0] | steps[1] | steps[2]) == 0) continue;  // most nodes: only those in contact have forces
+    has_force = true;
+    for (size_t axis = 0; axis < steps.size(); ++axis) {
+      explained += spread_[3 * i + axis] * std::clamp<int64_t>(steps[axis], -kMaxForce, kMaxForce);
+    }
   }
-  return std::abs(seen - explained) <= (is_pressed ? kPressedLimits : 1) * limit_ + (kShareQ8 * all >> 8);
+  if (has_force) {
+    const int64_t limit = is_pressed ? kPressedHalves * limit_ / 2 : limit_;
+    return std::abs(seen - explained) <= limit + (kShareQ8 * all >> 8);
+  }
+  return std::abs(seen) <= std::min(limit_ + (kShareQ8 * odd_part(u) >> 8), std::max(limit_, all) / 2);
+}
+
+int64_t SpreadCheck::odd_part(std::span<const int16_t> u) const {
+  int64_t sum = 0;
+  for (size_t i = 0, j = place_.size(); i < --j; ++i) {
+    const int64_t x = int64_t{place_[i].x_um} * (u[3 * i] - u[3 * j]);
+    const int64_t y = int64_t{place_[i].y_um} * (u[3 * i + 1] - u[3 * j + 1]);
+    sum += std::abs(x + y);
+  }
+  return sum;
 }
 
 bool is_rim_pressed(GridSize nodes, std::span<const NodeForce> force, int64_t threshold_lsb) {

@@ -104,3 +104,32 @@ def test_the_verdicts_are_the_mirrors() -> None:
         said += expected
     for bit in (COARSE, OFF_CURVE):
         assert 20 < sum(bool(v & bit) for v in said) < len(said) - 20, (bit, said)
+
+
+def test_black_and_white_levels_are_no_ties() -> None:
+    """Levels round both limits, copied from the neighbour so often that the verdict hangs on which of them count."""
+    door = ctypes.CDLL(str(native_folder() / "libruffini_stages.so")).stages_pixel_statistics
+    rng, width, height, said = np.random.default_rng(13), 80, 60, []
+    levels = np.array([0, 1, 2, 3, 4, 127, 128, 129, 251, 252, 253, 254, 255], np.uint8)
+    gain, rest = np.full(3, UNIT_GAIN, np.int32), np.full((height, width, 3), 1_600, np.uint16)
+    for _ in range(60):
+        weight = rng.dirichlet(np.ones(len(levels)))
+
+        def picture(copied: float, weight: npt.NDArray[np.float64] = weight) -> npt.NDArray[np.uint8]:
+            drawn = rng.choice(levels, (height, width, 3), p=weight)
+            for x in range(1, width):
+                drawn[:, x] = np.where(rng.random((height, 3)) < copied, drawn[:, x - 1], drawn[:, x])
+            return drawn
+
+        frames = np.array([picture(0.3) for _ in range(4)])
+        pictures = np.array([picture(c) for c in np.linspace(0.3, 0.6, 12)])
+        out = np.zeros(len(pictures), np.int32)
+        door(width, height, frames.ctypes.data_as(ctypes.c_void_p), len(frames),
+             rest.ctypes.data_as(ctypes.c_void_p), gain.ctypes.data_as(ctypes.c_void_p),
+             pictures.ctypes.data_as(ctypes.c_void_p), len(pictures), out.ctypes.data_as(ctypes.c_void_p))  # fmt: skip
+        mirror = Mirror(width, height)
+        mirror.learn(rest, frames)
+        expected = [mirror.said(p, gain.astype(np.int64)) for p in pictures]
+        assert out.tolist() == expected
+        said += expected
+    assert 20 < sum(bool(v & COARSE) for v in said) < len(said) - 20, said

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstdlib>
+#include <utility>
 
 #include "base/fixed.h"
 #include "solve/node_sigma.h"
@@ -29,6 +30,7 @@ OpeningEdges::OpeningEdges(const CameraSettings& camera)
     : camera_(camera), n_cells_x_((camera.width_px + kCell - 1) / kCell) {
   const auto n_blocks = static_cast<size_t>((camera.width_px / kBlock) * (camera.height_px / kBlock));
   samples_.reserve(n_blocks);
+  runs_.reserve(n_blocks);
   cells_.resize(static_cast<size_t>(n_cells_x_ * ((camera.height_px + kCell - 1) / kCell)));
   sorted_.reserve(cells_.size());
 }
@@ -66,6 +68,14 @@ void OpeningEdges::learn(std::span<const int16_t> base) {
   for (int top = 0; top + kBlock <= camera_.height_px; top += kBlock) {
     for (int left = 0; left + kBlock <= camera_.width_px; left += kBlock) add_block(base, left, top);
   }
+  // The sums of run() do not depend on the order; of one cell in one sector they stay in registers.
+  const auto place = [](const Sample& s) { return std::pair(s.sector, s.cell); };
+  std::sort(samples_.begin(), samples_.end(), [&](const Sample& a, const Sample& b) { return place(a) < place(b); });
+  runs_.clear();
+  for (uint32_t i = 0; i < samples_.size(); ++i) {
+    if (i == 0 || place(samples_[i - 1]) != place(samples_[i])) runs_.push_back({.first = i});
+    runs_.back().end = i + 1;
+  }
   std::array<size_t, kSectors> n_samples{};
   std::vector<int> n_in_cell(cells_.size());
   sectors_ = {};
@@ -94,12 +104,21 @@ void OpeningEdges::learn(std::span<const int16_t> base) {
 OpeningEdges::Defects OpeningEdges::run(std::span<const int16_t> glow, int64_t light_q12) {
   std::array<std::array<int64_t, 2>, kSectors> moment{};  // sum of 2 g r
   for (Cell& cell : cells_) cell.glow = 0;
-  for (const Sample& s : samples_) {
-    const int64_t seen = glow[s.pixel];
-    const int64_t r = std::clamp<int64_t>((light_q12 * s.base >> 12) - seen, -s.limit, s.limit);
-    moment[s.sector][0] += r * s.twice_x;
-    moment[s.sector][1] += r * s.twice_y;
-    cells_[s.cell].glow += seen;
+  for (const Run& run : runs_) {
+    int64_t x = 0;
+    int64_t y = 0;
+    int64_t sum = 0;
+    for (const Sample& s : std::span(samples_).subspan(run.first, run.end - run.first)) {
+      const int64_t seen = glow[s.pixel];
+      const int64_t r = std::clamp<int64_t>((light_q12 * s.base >> 12) - seen, -s.limit, s.limit);
+      x += r * s.twice_x;
+      y += r * s.twice_y;
+      sum += seen;
+    }
+    const Sample& first = samples_[run.first];
+    moment[first.sector][0] += x;
+    moment[first.sector][1] += y;
+    cells_[first.cell].glow += sum;
   }
   Defects found;
   for (size_t i = 0; i < kSectors; ++i) {

@@ -62,11 +62,17 @@ class OpeningEdges {
     int64_t base = 0;  // 0: fewer than kMinInCell samples
   };
 
+  struct Run {
+    uint32_t first = 0;
+    uint32_t end = 0;
+  };
+
   void add_block(std::span<const int16_t> base, int left, int top);
 
   CameraSettings camera_;
   int n_cells_x_;
-  std::vector<Sample> samples_;
+  std::vector<Sample> samples_;  // by sector and cell
+  std::vector<Run> runs_;        // of samples of one cell in one sector
   std::array<Sector, kSectors> sectors_{};
   std::vector<Cell> cells_;
   std::vector<int32_t> sorted_;

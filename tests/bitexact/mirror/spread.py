@@ -9,12 +9,17 @@ from mirror.fixed import I64
 
 def is_explained(places: list[tuple[int, int]], u: I64, force: I64, spread: I64, limit: int, is_pressed: bool) -> bool:
     """Of displacement and force (n_nodes, 3) the sums about the pad's centre, in Python's integers."""
-    moved = [int(p) * int(v) for place, node in zip(places, u.reshape(-1, 3), strict=True)
-             for p, v in zip(place, node, strict=False)]  # fmt: skip
+    xy = u.reshape(-1, 3)[:, :2].tolist()
+    moved = [p * v for place, node in zip(places, xy, strict=True) for p, v in zip(place, node, strict=True)]
+    everything = sum(abs(v) for v in moved)
     held = np.clip(force.ravel(), -(1 << 27), 1 << 27)
+    if not held.any():
+        n = len(xy)
+        odd = sum(abs(sum(p * (v - w) for p, v, w in zip(places[i], xy[i], xy[n - 1 - i], strict=True)))
+                  for i in range(n // 2))  # fmt: skip
+        return abs(sum(moved)) <= min(limit + (32 * odd >> 8), max(limit, everything) // 2)
     explained = sum(int(q) * int(f) for q, f in zip(spread, held, strict=True))
-    allowed = (3 if is_pressed else 1) * limit + (32 * sum(abs(v) for v in moved) >> 8)
-    return abs(sum(moved) - explained) <= allowed
+    return abs(sum(moved) - explained) <= (5 * limit // 2 if is_pressed else limit) + (32 * everything >> 8)
 
 
 def is_rim_pressed(force: I64, shape: tuple[int, int], threshold_lsb: int) -> bool:

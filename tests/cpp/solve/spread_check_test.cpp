@@ -28,13 +28,20 @@ class File {
   std::shared_ptr<const CalibrationFile> held_;
 };
 
-// Node 2 moved by dx along x, and node 0 pressed.
+constexpr size_t kXOfNode2 = 6;
+
+// Node 2 moved by dx along x, and node 0 pressed. A force at node 1 spreads nothing.
 bool is_explained(const SpreadCheck& check, int16_t dx, int32_t fz, bool is_pressed = false) {
   std::vector<int16_t> u(18);
-  u[6] = dx;
+  u[kXOfNode2] = dx;
   std::vector<NodeForce> force(6);
   force[0].z = fz;
+  force[1].x = 1;
   return check.is_explained(u, force, {}, is_pressed);
+}
+
+bool is_explained_without_force(const SpreadCheck& check, const std::vector<int16_t>& u) {
+  return check.is_explained(u, std::vector<NodeForce>(6), {}, false);
 }
 
 TEST(SpreadCheck, AMotionBeyondTheLimitNeedsAForce) {
@@ -44,10 +51,47 @@ TEST(SpreadCheck, AMotionBeyondTheLimitNeedsAForce) {
   EXPECT_TRUE(is_explained(check.value(), 100, 0)) << "100 000 um/8 um";
   EXPECT_TRUE(is_explained(check.value(), 114, 0)) << "114 000 of 100 000 and an eighth of it";
   EXPECT_FALSE(is_explained(check.value(), 115, 0));
-  EXPECT_TRUE(is_explained(check.value(), 115, 0, true)) << "pressed: three times the limit";
-  EXPECT_FALSE(is_explained(check.value(), 360, 0, true));
+  EXPECT_TRUE(is_explained(check.value(), 115, 0, true)) << "pressed: two and a half times the limit";
+  EXPECT_TRUE(is_explained(check.value(), 285, 0, true));
+  EXPECT_FALSE(is_explained(check.value(), 286, 0, true));
   EXPECT_TRUE(is_explained(check.value(), 360, 80'000)) << "3 each step: 240 000 of 360 000";
   EXPECT_FALSE(is_explained(check.value(), 360, -80'000)) << "the other way";
+}
+
+// A plate wider than the pad causes no force at any node.
+TEST(SpreadCheck, WithoutAnyForceHalfTheLimitMayMoveOutwards) {
+  const File file;
+  const auto check = file.load();
+  ASSERT_TRUE(check.has_value());
+  std::vector<int16_t> u(18);
+  u[kXOfNode2] = 50;
+  EXPECT_TRUE(is_explained_without_force(check.value(), u));
+  u[kXOfNode2] = 51;
+  EXPECT_FALSE(is_explained_without_force(check.value(), u));
+}
+
+TEST(SpreadCheck, WithoutAnyForceNoiseRaisesTheLimit) {
+  const File file;
+  const auto check = file.load();
+  ASSERT_TRUE(check.has_value());
+  std::vector<int16_t> u(18);
+  u[kXOfNode2] = 100;
+  u[0] = 40;
+  EXPECT_TRUE(is_explained_without_force(check.value(), u)) << "60 000 of 140 000 / 2";
+  u[0] = 30;
+  EXPECT_FALSE(is_explained_without_force(check.value(), u)) << "70 000 of 130 000 / 2";
+}
+
+TEST(SpreadCheck, WithoutAnyForceAShiftIsNoNoise) {
+  const File file;
+  const auto check = file.load();
+  ASSERT_TRUE(check.has_value());
+  std::vector<int16_t> u(18);
+  for (size_t node = 0; node < 6; ++node) u[3 * node] = 100;
+  u[kXOfNode2] += 114;
+  EXPECT_TRUE(is_explained_without_force(check.value(), u)) << "114 000 of 100 000 and an eighth of it";
+  ++u[kXOfNode2];
+  EXPECT_FALSE(is_explained_without_force(check.value(), u));
 }
 
 TEST(SpreadCheck, WhatFiniteStrainAddedMovesNothing) {
