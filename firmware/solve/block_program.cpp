@@ -33,6 +33,12 @@ int64_t signed_sum(const int32_t* row, const int64_t* values) {
   return sum;
 }
 
+bool are_eight_zero(const uint8_t* flags) {
+  uint64_t eight;
+  std::memcpy(&eight, flags, sizeof eight);
+  return eight == 0;
+}
+
 // Lists the runs of ones in `flags`.
 template <typename Segment>
 void list_ranges(std::span<const uint8_t> flags, std::vector<Segment>& ranges) {
@@ -40,13 +46,9 @@ void list_ranges(std::span<const uint8_t> flags, std::vector<Segment>& ranges) {
   const auto n = static_cast<uint32_t>(flags.size());
   uint32_t i = 0;
   while (i < n) {
-    uint64_t eight = 0;
-    if (i + sizeof eight <= n) {
-      std::memcpy(&eight, &flags[i], sizeof eight);
-      if (eight == 0) {
-        i += sizeof eight;
-        continue;
-      }
+    if (i + 8 <= n && are_eight_zero(&flags[i])) {
+      i += 8;
+      continue;
     }
     if (flags[i] == 0) {
       ++i;
@@ -164,6 +166,10 @@ void BlockProgram::plan(uint32_t panel_index, Live* target) {
     const Segment& segment = segment_[k];
     uint32_t i = 0;
     while (i < segment.count) {
+      if (i + 8 <= segment.count && are_eight_zero(&is_live[segment.first + i])) {
+        i += 8;
+        continue;
+      }
       if (is_live[segment.first + i] == 0) {
         ++i;
         continue;
