@@ -27,7 +27,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile bench oracle aarch64 wheel deb arm64 vm pi board fresh clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile bench profile oracle aarch64 wheel deb arm64 vm pi board fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -174,14 +174,19 @@ oracle: build  ## a finite element program of others (CalculiX) presses the pad 
 	@.ci/setup oracle
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice $(PYTHON) tests/oracle/run.py $(if $(QUICK),--quick,--out out/oracle.txt)
 
+FUNCTIONS ?= 0
+profile: build  ## instructions, loads and cache lines of every stage on 64-bit ARM, counted under qemu: the same on any machine. FUNCTIONS=N: the N longest functions of each
+	@.ci/setup aarch64
+	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_one_frame)
+	@$(PYTHON) tests/bench/instructions.py --binary $(BUILD)/aarch64/ruffini_one_frame --functions $(FUNCTIONS)
+
 # Of the Pi Zero 2 and 3, of the 4, of the 5; CI runs one of them a day.
 PI_CORES := cortex-a53 cortex-a72 cortex-a76
-aarch64: build  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu as a Pi 3, 4 and 5's core; instructions of each stage
+aarch64: build  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu as a Pi 3, 4 and 5's core
 	@.ci/setup aarch64
-	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_tests ruffini_one_frame)
+	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_tests)
 	@.ci/at-once $(JOBS) $(foreach core,$(PI_CORES),$(foreach i,$(SHARDS),'echo $(core); GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) \
 	  qemu-aarch64 -cpu $(core) -L /usr/aarch64-linux-gnu $(BUILD)/aarch64/ruffini_tests --gtest_brief=1'))
-	@$(PYTHON) tests/bench/instructions.py --binary $(BUILD)/aarch64/ruffini_one_frame
 
 wheel: build  ## the host tool as a wheel, installed and started outside the tree
 	@.ci/wheel

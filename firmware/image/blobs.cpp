@@ -6,7 +6,7 @@
 
 namespace ruffini {
 
-static_assert(Blobs::kZeroRun * sizeof(int16_t) == sizeof(uint64_t));
+static_assert(Blobs::kZeroRun * sizeof(int16_t) == 2 * sizeof(uint64_t));
 
 Blobs::Blobs(int width_px, int height_px)
     : width_px_(width_px),
@@ -57,9 +57,9 @@ void Blobs::add(std::span<const int16_t> weight, int y) {
   for (int x = 0; x < width_px_; ++x) {
     const auto at = static_cast<size_t>(x);
     if (x % kZeroRun == 0) {  // most weights are zero
-      uint64_t several;
-      std::memcpy(&several, &weight[at], sizeof several);
-      if (several == 0) {
+      uint64_t several[2];
+      std::memcpy(several, &weight[at], sizeof several);
+      if ((several[0] | several[1]) == 0) {
         std::fill_n(&label_[at], kZeroRun, -1);
         left = -1;
         x += kZeroRun - 1;

@@ -25,7 +25,7 @@ struct Blob {
 
 class Blobs {
  public:
-  static constexpr int kZeroRun = 4;  // weights tested together for zero
+  static constexpr int kZeroRun = 8;  // weights tested together for zero
 
   Blobs(int width_px, int height_px);
 

@@ -82,7 +82,7 @@ class CosineTransform {
       const int32_t* c = row(k);
       auto sum = L::scale(in[0], c[0]);
       for (int i = 1; i < n; ++i) sum = L::add_scaled(sum, in[i * in_stride], c[i]);
-      out[k * stride] = L::narrow(sum, kFraction);
+      out[k * stride] = L::template narrow<kFraction>(sum);
     }
   }
 
@@ -126,8 +126,8 @@ class CosineTransform {
       const CosineTables::Rotation& r = rotation[i];
       const V a = in[i * in_stride];
       const V b = in[(m - 1 - i) * in_stride];
-      work[i] = L::narrow(L::add_scaled(L::scale(a, r.c), b, r.s), kFraction);
-      work[half + i] = L::narrow(L::add_scaled(L::scale(a, r.w_a), b, r.w_b), kFraction);
+      work[i] = L::template narrow<kFraction>(L::add_scaled(L::scale(a, r.c), b, r.s));
+      work[half + i] = L::template narrow<kFraction>(L::add_scaled(L::scale(a, r.w_a), b, r.w_b));
     }
     V* u = work + m;
     V* w = u + half;

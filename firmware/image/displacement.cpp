@@ -128,12 +128,11 @@ void Displacement::mark_filled(std::span<const Marker> markers, std::span<uint8_
 
 NodeDisplacement Displacement::at_node(size_t node, std::span<const DisplacementUm> depth,
                                        SaturationCounter& saturations) const {
-  const auto read = [&](DisplacementUm NodeDisplacement::* axis) {
-    return nodes_.at(node, [&](size_t i) { return int64_t{(marker_u_[i].*axis).raw()}; });
-  };
-  const int64_t ux = read(&NodeDisplacement::x);
-  const int64_t uy = read(&NodeDisplacement::y);
-  int64_t uz = read(&NodeDisplacement::z);
+  const auto [ux, uy, uz_of_markers] = nodes_.three_at(node, [&](size_t i) -> std::array<int64_t, 3> {
+    const NodeDisplacement& u = marker_u_[i];
+    return {u.x.raw(), u.y.raw(), u.z.raw()};
+  });
+  int64_t uz = uz_of_markers;
   for (int round = 0; round < 2 && !depth.empty(); ++round) {
     const int64_t distance = (camera_.standoff_um * 8 + uz) * 1'000;
     const auto image = [&](int64_t place_q3, int64_t center_q16) {

@@ -17,18 +17,29 @@ class DotWeights {
     const int whole = row.width / L::kCount * L::kCount;
     move<L>(row, 0, whole);
     move<ScalarLanes>(row, whole, row.width);
-    int32_t* sums = row.prefix_sum + row.box_radius_px + 1;
-    uint32_t sum = 0;  // may wrap at 32 bits; differences stay exact
-    for (int x = 0; x < row.width; ++x) {
-      sum += static_cast<uint32_t>(row.column_sum[x]);
-      sums[x] = static_cast<int32_t>(sum);
-    }
-    std::fill_n(sums + row.width, row.box_radius_px, static_cast<int32_t>(sum));
+    add_up(row, 0, 0);
     weigh<L>(row, 0, whole);
     weigh<ScalarLanes>(row, whole, row.width);
   }
 
+  // What remains of a row when another version (dot_weights_neon.h) has done the pixels before `from`, whose columns
+  // add up to `sum`.
+  static void finish(const DotRow& row, int from, uint32_t sum) {
+    move<L>(row, from, row.width);
+    add_up(row, from, sum);
+  }
+  static void finish_weights(const DotRow& row, int from) { weigh<L>(row, from, row.width); }
+
  private:
+  static void add_up(const DotRow& row, int from, uint32_t sum) {
+    int32_t* sums = row.prefix_sum + row.box_radius_px + 1;
+    for (int x = from; x < row.width; ++x) {
+      sum += static_cast<uint32_t>(row.column_sum[x]);  // may wrap at 32 bits; differences stay exact
+      sums[x] = static_cast<int32_t>(sum);
+    }
+    std::fill_n(sums + row.width, row.box_radius_px, static_cast<int32_t>(sum));
+  }
+
   template <typename Some>
   static typename Some::V level(const uint16_t* grey) {
     return Some::load_16(reinterpret_cast<const int16_t*>(grey));

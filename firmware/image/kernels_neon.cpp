@@ -1,5 +1,5 @@
 #include "image/difference_neon.h"
-#include "image/dot_weights.h"
+#include "image/dot_weights_neon.h"
 #include "image/glow_neon.h"
 #include "image/kernels.h"
 #include "image/lanes_neon.h"
@@ -10,7 +10,7 @@
 namespace ruffini::kernels {
 
 const Kernels kNeon = {.difference = difference_row_neon,
-                       .dots = DotWeights<NeonLanes>::run,
+                       .dots = DotWeightsNeon::run,
                        .glow = glow_row_neon,
                        .smooth = smooth_line_neon,
                        .cells = PhotometricCells<NeonLanes>::run,

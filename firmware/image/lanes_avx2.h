@@ -87,7 +87,16 @@ struct Avx2Lanes {
     return _mm256_blend_epi32(even, odd, 0xAA);
   }
 
+  template <int kShift>
+  static V narrow(Wide sum) {
+    return narrow(sum, kShift);
+  }
+
   static V gather(const int32_t* table, V index) { return _mm256_i32gather_epi32(table, index, 4); }
+  static void gather_pair(const int32_t* table, V index, V& first, V& second) {
+    first = gather(table, index);
+    second = gather(table + 1, index);
+  }
 
   // Transposes eight vectors.
   static void transpose(V* block) {

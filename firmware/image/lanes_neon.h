@@ -76,10 +76,27 @@ struct NeonLanes {
     return vcombine_s32(vmovn_s64(vrshlq_s64(sum.low, right)), vmovn_s64(vrshlq_s64(sum.high, right)));
   }
 
+  template <int kShift>
+  static V narrow(Wide sum) {
+#if defined(__aarch64__)
+    return vrshrn_high_n_s64(vrshrn_n_s64(sum.low, kShift), sum.high, kShift);
+#else  // SIMDe has no vrshrn_high
+    return vcombine_s32(vrshrn_n_s64(sum.low, kShift), vrshrn_n_s64(sum.high, kShift));
+#endif
+  }
+
   static V gather(const int32_t* table, V index) {
     const int32_t found[kCount] = {table[vgetq_lane_s32(index, 0)], table[vgetq_lane_s32(index, 1)],
                                    table[vgetq_lane_s32(index, 2)], table[vgetq_lane_s32(index, 3)]};
     return vld1q_s32(found);
+  }
+
+  static void gather_pair(const int32_t* table, V index, V& first, V& second) {
+    const auto pair = [&](int32_t at) { return vld1_s32(table + at); };
+    const int32x4_t a = vcombine_s32(pair(vgetq_lane_s32(index, 0)), pair(vgetq_lane_s32(index, 1)));
+    const int32x4_t b = vcombine_s32(pair(vgetq_lane_s32(index, 2)), pair(vgetq_lane_s32(index, 3)));
+    first = vuzp1q_s32(a, b);
+    second = vuzp2q_s32(a, b);
   }
 
   // Transposes four vectors.

@@ -66,7 +66,18 @@ struct ScalarLanes {
   // Half up. Precondition: 1 <= shift <= 32 and the result fits 32 bits.
   static V narrow(Wide sum, int shift) { return static_cast<V>(round_shift(sum, shift)); }
 
+  // The same with a shift that is known when compiled, which some processors have an instruction for.
+  template <int kShift>
+  static V narrow(Wide sum) {
+    return narrow(sum, kShift);
+  }
+
   static V gather(const int32_t* table, V index) { return table[index]; }
+  // Looks up two entries side by side.
+  static void gather_pair(const int32_t* table, V index, V& first, V& second) {
+    first = table[index];
+    second = table[index + 1];
+  }
   static void transpose(V* /*block: kCount vectors*/) {}
   static int64_t sum(V a) { return a; }
   static int32_t max_lane(V a) { return a; }

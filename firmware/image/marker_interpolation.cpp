@@ -100,6 +100,8 @@ void MarkerInterpolation::learn(std::span<const PadPoint> rest, std::span<const 
 
 void MarkerInterpolation::mark_filled(std::span<const uint8_t> is_missing, std::span<uint8_t> is_filled) const {
   constexpr int64_t kHalf = int64_t{1} << 27;  // Q28
+  std::fill(is_filled.begin(), is_filled.end(), uint8_t{0});
+  if (std::all_of(is_missing.begin(), is_missing.end(), [](uint8_t m) { return m == 0; })) return;
   for (size_t node = 0; node < is_filled.size(); ++node) {
     const MarkerWeights& w = weights_[node];
     int64_t lost = 0;

@@ -41,10 +41,21 @@ class MarkerInterpolation {
   // `rest`: rest positions of the markers on the pad.
   void learn(std::span<const PadPoint> rest, std::span<const Marker> markers);
 
-  // Returns the sum over the node's markers of weight value(marker), rounded to the unit of the value.
-  template <typename Value>
-  [[nodiscard]] int64_t at(size_t node, Value value) const {
-    return round_shift(sum(weights_[node], value), 28);
+  // Returns the sums over the node's markers of weight value(marker), rounded to the unit of the values. values(marker)
+  // returns three.
+  template <typename Values>
+  [[nodiscard]] std::array<int64_t, 3> three_at(size_t node, Values values) const {
+    const MarkerWeights& weights = weights_[node];
+    int64_t x = 0;
+    int64_t y = 0;
+    int64_t z = 0;
+    for (size_t k = 0; k < MarkerWeights::kCount; ++k) {
+      const std::array<int64_t, 3> value = values(static_cast<size_t>(weights.marker[k]));
+      x += weights.weight_q28[k] * value[0];
+      y += weights.weight_q28[k] * value[1];
+      z += weights.weight_q28[k] * value[2];
+    }
+    return {round_shift(x, 28), round_shift(y, 28), round_shift(z, 28)};
   }
   // Sets 1 for each filled node, else 0. `is_missing`: nonzero for each marker without a displacement of its own.
   void mark_filled(std::span<const uint8_t> is_missing, std::span<uint8_t> is_filled) const;

@@ -51,7 +51,7 @@ class PhotometricCells {
     for (size_t c = 0; c < 3; ++c) {
       const auto& per_count = row.per_count[c];
       const auto share = is_whole ? Some::broadcast(per_count[kFull]) : Some::gather(per_count.data(), n_kept);
-      d[c] = Some::sub(Some::narrow(Some::mul(sums[c], share), 16), Some::broadcast(row.level_q16[c]));
+      d[c] = Some::sub(Some::template narrow<16>(Some::mul(sums[c], share)), Some::broadcast(row.level_q16[c]));
     }
   }
 
@@ -61,7 +61,7 @@ class PhotometricCells {
     auto dot = Some::mul(d[0], Some::load_16(m));
     dot = Some::add_wide(dot, Some::mul(d[1], Some::load_16(m + plane)));
     dot = Some::add_wide(dot, Some::mul(d[2], Some::load_16(m + 2 * plane)));
-    return Some::narrow(dot, 14);
+    return Some::template narrow<14>(dot);
   }
 
   // Clamps to +-1 and offsets by +1.
@@ -71,7 +71,8 @@ class PhotometricCells {
   }
 
   template <typename Some, int kStep>
-  static void cells(const CellRow& row, int from, int to) {
+  static void cells(const CellRow& of_caller, int from, int to) {
+    const CellRow row = of_caller;  // a copy that no store can change stays in registers
     using Table = PackedTable<L, Some>;
     constexpr int kLines = Photometric::kSlopeSize;
     for (int x = from; x < to; x += Some::kCount) {
@@ -96,7 +97,8 @@ class PhotometricCells {
       const auto f_y = Some::sub(q_y, Some::template shift_left<Table::kStepBits>(line));
       const auto at = Some::add(Some::mul_low(line, Some::broadcast(kLines)), column);
       typename Some::V corner[4];
-      for (int i = 0; i < 4; ++i) corner[i] = Some::gather(row.slope + (i / 2) * kLines + i % 2, at);
+      Some::gather_pair(row.slope, at, corner[0], corner[1]);
+      Some::gather_pair(row.slope + kLines, at, corner[2], corner[3]);
       const auto bilinear = [&](auto part) {
         const auto upper = Table::between(part(corner[0]), part(corner[1]), f_x, Table::kHalfWayBits);
         const auto lower = Table::between(part(corner[2]), part(corner[3]), f_x, Table::kHalfWayBits);

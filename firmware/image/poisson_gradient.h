@@ -68,25 +68,32 @@ class PoissonGradient {
   template <typename Some>
   void gradient_row(const CellSlope* slope, size_t y, size_t from, size_t to) {
     auto n_clamped = Some::broadcast(0);
+    const int32_t* const ray_x_q16 = t_.ray_x_q16.data();
+    const int32_t ray_y_q16 = t_.ray_y_q16[y];
+    const int32_t* const inverse_q24 = t_.inverse_q24.data();
+    const int32_t cell_um_q10 = t_.cell_um_q10;
+    int32_t* const out_x = b_.row_x(y);
+    int32_t* const out_y = b_.row_y(y);
     for (size_t x = from; x < to; x += Some::kCount) {
       const auto both = Some::load(slope + x);  // x in the low half, y in the high one
       const auto sx = Some::template shift_right<16>(Some::template shift_left<16>(both));
       const auto sy = Some::template shift_right<16>(both);
-      const auto along = Some::add_scaled(Some::mul(sx, Some::load(&t_.ray_x_q16[x])), sy, t_.ray_y_q16[y]);
+      const auto along = Some::add_scaled(Some::mul(sx, Some::load(ray_x_q16 + x)), sy, ray_y_q16);
       const auto e =
-          Some::max(Some::min(Some::narrow(along, 14), Some::broadcast(kMaxFold)), Some::broadcast(kMinFold));
+          Some::max(Some::min(Some::template narrow<14>(along), Some::broadcast(kMaxFold)), Some::broadcast(kMinFold));
       const auto rest = Some::sub(Some::broadcast(kOneQ14), e);
       const auto line = Some::template shift_right<PoissonTables::kFoldStep>(rest);
       const auto fraction = Some::bit_and(rest, Some::broadcast((1 << PoissonTables::kFoldStep) - 1));
-      const auto low = Some::gather(t_.inverse_q24.data(), line);
-      const auto high = Some::gather(t_.inverse_q24.data() + 1, line);
+      typename Some::V low;
+      typename Some::V high;
+      Some::gather_pair(inverse_q24, line, low, high);
       const auto inverse = Some::add(
           low, Some::round_shift_right(Some::mul_low(Some::sub(high, low), fraction), PoissonTables::kFoldStep));
-      const auto scale = Some::narrow(Some::scale(inverse, t_.cell_um_q10), 20);  // Q14
-      Some::store(b_.row_x(y) + x,
-                  clamp_counted<Some>(Some::narrow(Some::mul(sx, scale), 16), kMaxGradient, n_clamped));
-      Some::store(b_.row_y(y) + x,
-                  clamp_counted<Some>(Some::narrow(Some::mul(sy, scale), 16), kMaxGradient, n_clamped));
+      const auto scale = Some::template narrow<20>(Some::scale(inverse, cell_um_q10));  // Q14
+      Some::store(out_x + x,
+                  clamp_counted<Some>(Some::template narrow<16>(Some::mul(sx, scale)), kMaxGradient, n_clamped));
+      Some::store(out_y + x,
+                  clamp_counted<Some>(Some::template narrow<16>(Some::mul(sy, scale)), kMaxGradient, n_clamped));
     }
     saturations_.count += static_cast<uint64_t>(Some::sum(n_clamped));
   }

@@ -56,9 +56,10 @@ class PoissonSteps {
     for (size_t x = from; x < to; x += Some::kCount) {
       const auto far = Some::max(Some::min(Some::load(f + x), Some::broadcast(kFarOff)), Some::broadcast(-kFarOff));
       const auto w = clamp_counted<Some>(Some::sub(far, Some::broadcast(mean)), kMaxDepth, n_clamped);
-      const auto third = Some::add(Some::narrow(Some::scale(w, t_.inverse_3h), 20), Some::broadcast(kOneQ24));
-      const auto second = Some::narrow(Some::mul(Some::narrow(Some::scale(w, t_.inverse_2h), 20), third), 24);
-      const auto z = Some::narrow(Some::mul(w, Some::add(second, Some::broadcast(kOneQ24))), 29);
+      const auto third = Some::add(Some::template narrow<20>(Some::scale(w, t_.inverse_3h)), Some::broadcast(kOneQ24));
+      const auto second =
+          Some::template narrow<24>(Some::mul(Some::template narrow<20>(Some::scale(w, t_.inverse_2h)), third));
+      const auto z = Some::template narrow<29>(Some::mul(w, Some::add(second, Some::broadcast(kOneQ24))));
       const auto held = Some::max(Some::min(z, Some::broadcast(INT16_MAX)), Some::broadcast(INT16_MIN));
       n_clamped = Some::add(n_clamped, Some::not_equal(held, z));
       Some::store_16(out + x, held);

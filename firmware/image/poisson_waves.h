@@ -59,7 +59,7 @@ class PoissonWaves {
         const V above = y > 0 ? L::load(b_.row_f(y - 1) + k) : L::broadcast(0);
         const V sum = clamp_counted<L>(L::sub(above, L::load(b_.row_f(y) + k)), kMaxWave, n_clamped);
         const bool is_last = y + 1 == n_y_;
-        L::store(b_.row_f(y) + k, is_last ? sum : L::narrow(L::mul(sum, L::load(factor + k)), 30));
+        L::store(b_.row_f(y) + k, is_last ? sum : L::template narrow<30>(L::mul(sum, L::load(factor + k))));
       }
     }
     int32_t* last = b_.row_f(n_y_ - 1);
@@ -69,7 +69,7 @@ class PoissonWaves {
     for (size_t y = n_y_ - 1; y-- > 0;) {
       const int32_t* factor = t_.factor_q30.data() + y * t_.stride;
       for (size_t k = 0; k < t_.stride; k += kLanes) {
-        const V below = L::narrow(L::mul(L::load(b_.row_f(y + 1) + k), L::load(factor + k)), 30);
+        const V below = L::template narrow<30>(L::mul(L::load(b_.row_f(y + 1) + k), L::load(factor + k)));
         const V z = clamp_counted<L>(L::add(L::load(b_.row_f(y) + k), below), kMaxWave, n_clamped);
         largest = L::max(largest, L::abs(z));
         L::store(b_.row_f(y) + k, z);
@@ -94,7 +94,8 @@ class PoissonWaves {
     std::fill(out, out + t_.stride, L::broadcast(0));
     for (size_t y = 0; y < n_y_; y += kLanes) {
       load_columns(y, in);
-      for (size_t k = 0; k < n_x_; ++k) in[k] = L::narrow(L::scale(in[k], scale), (k == 0 ? 31 : 30) - up);
+      in[0] = L::narrow(L::scale(in[0], scale), 31 - up);
+      for (size_t k = 1; k < n_x_; ++k) in[k] = L::narrow(L::scale(in[k], scale), 30 - up);
       transform.inverse(in, out, out + t_.stride);
       scale_all(out, n_x_, -up);
       store_columns(y, out);

@@ -32,8 +32,10 @@ class BlockProgram {
   [[nodiscard]] int n_in() const { return n_in_; }
   [[nodiscard]] int n_out() const { return static_cast<int>(out_.size() / n_unfold_); }
 
-  // Selects the outputs that run() computes (all at first). The values of the other outputs are undefined.
+  // Selects the outputs that run() computes (all at first) from all inputs. The values of the other outputs are undefined.
   void select(std::span<const uint32_t> outputs);
+  // The same from `inputs` alone: run() takes the others for zero, and skips the blocks that read only those.
+  void select(std::span<const uint32_t> outputs, std::span<const uint32_t> inputs);
 
   // Precondition: u has at least n_in() values. Writes n_out() values to `out`.
   void run(std::span<const int16_t> u, std::span<int64_t> out);
@@ -60,11 +62,36 @@ class BlockProgram {
     uint32_t count = 0;
   };
 
+  // A panel that reads something, and its share of block_ and group_.
+  struct Job {
+    uint32_t panel = 0;
+    uint32_t first_block = 0;
+    uint32_t n_blocks = 0;
+    uint32_t first_group = 0;
+    uint32_t n_groups = 0;
+  };
+  // A vector without its zeros.
+  struct Live {
+    std::vector<uint8_t> is_live;  // of each value; false: it is zero for any input
+    std::vector<Segment> range;    // the live values
+  };
+
+  void connect_inputs();
+  void want(std::span<const uint32_t> outputs);
+  void read_all();
+  void read(std::span<const uint32_t> inputs);
+  void plan();
+  void plan(uint32_t panel, Live* target);
+  void plan_last_groups();
   void fold(std::span<const int16_t> u);
-  void multiply(const Panel& panel, bool is_last);
+  template <size_t kFold>
+  int32_t fold_ranges();
+  template <size_t kFold>
+  void unfold(std::span<int64_t> out) const;
+  void multiply(const Job& job);
   void gather(const Panel& panel);
   // Rounds sum_ to 16 bits and stores it as vector `index`.
-  void store_vector(size_t index, size_t n_values);
+  void store_vector(size_t index, int shift);
 
   std::span<const int16_t> entry_;
   std::span<const uint8_t> shift_;
@@ -80,12 +107,22 @@ class BlockProgram {
   block_kernel::Rows kernel_ = block_kernel::rows_scalar;
   std::vector<std::vector<int16_t>> vector_;
   std::vector<int> exponent_;
-  std::vector<int64_t> input_;  // as sum_
-  std::vector<int64_t> sum_;    // of the current stage, after one leading zero, which index 0 of a fold refers to
+  std::vector<uint32_t> first_slot_;  // of each input in slot_; one more at the end
+  std::vector<uint32_t> slot_;        // values of vector 0 that read the input
+  std::vector<int32_t> input_;        // -u in reverse, 0, u: as the signed numbers of in_ count from its middle
+  std::vector<int32_t> folded_;       // vector 0 before it is rounded
+  std::vector<int64_t> sum_;          // of the current stage, after one leading zero, which index 0 of a fold refers to
   std::vector<uint32_t> selected_;
   std::vector<uint8_t> wanted_;  // values of the last stage
+  bool reads_all_ = false;
+  std::vector<uint32_t> read_;          // inputs, unless all are read
+  std::vector<Live> live_;              // of each vector
+  std::vector<Job> job_;                // by stage
+  std::vector<uint32_t> end_of_stage_;  // in job_
+  std::vector<uint16_t> block_;         // of the jobs: blocks that read something live
+  std::vector<uint32_t> group_;         // of the jobs: first row of kRows rows of which one is wanted
+  uint32_t last_groups_ = 0;            // in group_: those of the last stage
   std::vector<int16_t> gathered_;
-  std::vector<uint16_t> blocks_;  // of gathered_ that are not zero
 };
 
 }  // namespace ruffini

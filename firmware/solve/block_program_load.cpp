@@ -41,20 +41,37 @@ class BlockProgramLoader {
     }
     p_.vector_.resize(p_.stage_.size());
     p_.exponent_.resize(p_.stage_.size());
+    p_.live_.resize(p_.stage_.size());
+    p_.end_of_stage_.resize(p_.stage_.size());
     size_t most_values = n_slots_;
     for (size_t s = 0; s < p_.stage_.size(); ++s) {
-      p_.vector_[s].resize(s == 0 ? n_slots_ : p_.stage_[s - 1].n_values);
+      const size_t n = length(s);
+      p_.vector_[s].resize(n);
+      p_.live_[s].is_live.resize(n);
+      p_.live_[s].range.reserve(n / 2 + 1);
       most_values = std::max<size_t>(most_values, p_.stage_[s].n_values);
     }
     p_.sum_.resize(1 + most_values);
-    p_.input_.resize(1 + static_cast<size_t>(n_in));
-    p_.selected_.resize(static_cast<size_t>(n_out));
-    std::iota(p_.selected_.begin(), p_.selected_.end(), 0U);
-    p_.wanted_.assign(p_.stage_.back().n_values, uint8_t{1});
+    p_.folded_.resize(n_slots_);
+    p_.input_.resize(2 * static_cast<size_t>(n_in) + 1);
+    p_.read_.reserve(static_cast<size_t>(n_in));
+    p_.wanted_.resize(p_.stage_.back().n_values);
     size_t most_blocks = 0;
-    for (const auto& panel : p_.panel_) most_blocks = std::max<size_t>(most_blocks, panel.n_blocks);
+    size_t n_blocks = 0;
+    size_t n_groups = 0;
+    for (const auto& panel : p_.panel_) {
+      most_blocks = std::max<size_t>(most_blocks, panel.n_blocks);
+      n_blocks += panel.n_blocks;
+      n_groups += (panel.n_rows + block_kernel::kRows - 1) / block_kernel::kRows;
+    }
     p_.gathered_.resize(most_blocks * kBlock);
-    p_.blocks_.reserve(most_blocks);
+    p_.job_.reserve(p_.panel_.size());
+    p_.block_.reserve(n_blocks);
+    p_.group_.reserve(n_groups);
+    p_.connect_inputs();
+    std::vector<uint32_t> all(static_cast<size_t>(n_out));
+    std::iota(all.begin(), all.end(), 0U);
+    p_.select(all);
     return std::move(p_);
   }
 

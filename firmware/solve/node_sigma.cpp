@@ -122,32 +122,50 @@ NodeSigmaModel::Neighbours NodeSigmaModel::neighbours_of(std::span<const NodeFor
   return around;
 }
 
-// r^2 of every node: sums over 7 nodes of a row, then over 7 rows.
-void NodeSigmaModel::find_roughness(std::span<const NodeForce> force) {
-  const auto at = [&](int x, int y) { return static_cast<size_t>(y * nodes_.n_x + x); };
-  const auto from = [](int line, int reach) { return std::max(line - reach, 0); };
-  const auto to = [](int line, int reach, int n) { return std::min(line + reach, n - 1); };
+NodeSigmaModel::Box NodeSigmaModel::forced(std::span<const NodeForce> force) const {
+  Box box{.min_x = nodes_.n_x, .max_x = -1, .min_y = nodes_.n_y, .max_y = -1};
+  const NodeForce* f = force.data();
   for (int y = 0; y < nodes_.n_y; ++y) {
-    for (int x = 0; x < nodes_.n_x; ++x) {
+    for (int x = 0; x < nodes_.n_x; ++x, ++f) {
+      if ((f->x | f->y | f->z) == 0) continue;
+      box = {std::min(box.min_x, x), std::max(box.max_x, x), std::min(box.min_y, y), y};
+    }
+  }
+  return box;
+}
+
+NodeSigmaModel::Box NodeSigmaModel::grown(const Box& box, int reach) const {
+  if (box.min_x > box.max_x) return box;
+  return {std::max(box.min_x - reach, 0), std::min(box.max_x + reach, nodes_.n_x - 1), std::max(box.min_y - reach, 0),
+          std::min(box.max_y + reach, nodes_.n_y - 1)};
+}
+
+// r^2: sums over 7 nodes of a row, then over 7 rows. d_z is zero outside `loud`.
+void NodeSigmaModel::find_roughness(std::span<const NodeForce> force, const Box& loud) {
+  const auto at = [&](int x, int y) { return static_cast<size_t>(y * nodes_.n_x + x); };
+  for (int y = loud.min_y; y <= loud.max_y; ++y) {
+    for (int x = loud.min_x; x <= loud.max_x; ++x) {
       const auto pull = [&](int u, int v) { return std::clamp<int64_t>(force[at(u, v)].z, -kMaxForce, kMaxForce); };
       int64_t difference = 9 * pull(x, y);
-      for (int v = from(y, 1); v <= to(y, 1, nodes_.n_y); ++v) {
-        for (int u = from(x, 1); u <= to(x, 1, nodes_.n_x); ++u) difference -= pull(u, v);
+      for (int v = std::max(y - 1, 0); v <= std::min(y + 1, nodes_.n_y - 1); ++v) {
+        for (int u = std::max(x - 1, 0); u <= std::min(x + 1, nodes_.n_x - 1); ++u) difference -= pull(u, v);
       }
       contrast2_[at(x, y)] = (difference * difference) >> (2 * kDifferenceFraction);
     }
   }
-  for (int y = 0; y < nodes_.n_y; ++y) {
-    for (int x = 0; x < nodes_.n_x; ++x) {
-      const int64_t* row = &contrast2_[at(0, y)];
-      along_x_[at(x, y)] =
-          std::accumulate(row + from(x, kRoughReach), row + to(x, kRoughReach, nodes_.n_x) + 1, int64_t{0});
+  for (int y = loud.min_y; y <= loud.max_y; ++y) {
+    const int64_t* row = &contrast2_[at(0, y)];
+    for (int x = loud.min_x; x <= loud.max_x; ++x) {
+      along_x_[at(x, y)] = std::accumulate(row + std::max(x - kRoughReach, loud.min_x),
+                                           row + std::min(x + kRoughReach, loud.max_x) + 1, int64_t{0});
     }
   }
-  for (int y = 0; y < nodes_.n_y; ++y) {
-    for (int x = 0; x < nodes_.n_x; ++x) {
+  for (int y = loud.min_y; y <= loud.max_y; ++y) {
+    for (int x = loud.min_x; x <= loud.max_x; ++x) {
       int64_t sum = 0;
-      for (int v = from(y, kRoughReach); v <= to(y, kRoughReach, nodes_.n_y); ++v) sum += along_x_[at(x, v)];
+      for (int v = std::max(y - kRoughReach, loud.min_y); v <= std::min(y + kRoughReach, loud.max_y); ++v) {
+        sum += along_x_[at(x, v)];
+      }
       rough_[at(x, y)] = sum >> kRoughShift;
     }
   }
@@ -155,21 +173,25 @@ void NodeSigmaModel::find_roughness(std::span<const NodeForce> force) {
 
 void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8_t> is_filled,
                          std::span<NodeSigma> sigma) {
-  find_roughness(force);
+  const Box loud = grown(forced(force), 1);
+  find_roughness(force, loud);
   const auto sigma_with = [&](const Neighbours& around) {
     return NodeSigma{sigma_of(axis_[0], around, 0), sigma_of(axis_[0], around, 1), sigma_of(axis_[1], around, 2)};
   };
   const NodeSigma silent = sigma_with({});
-  size_t i = 0;
-  for (int y = 0; y < nodes_.n_y; ++y) {
-    for (int x = 0; x < nodes_.n_x; ++x, ++i) {
+  std::fill(sigma.begin(), sigma.end(), silent);
+  for (int y = loud.min_y; y <= loud.max_y; ++y) {
+    for (int x = loud.min_x; x <= loud.max_x; ++x) {
+      const auto i = static_cast<size_t>(y * nodes_.n_x + x);
       Neighbours around = neighbours_of(force, x, y);
       around.rough = rough_[i];
-      sigma[i] = around.is_silent ? silent : sigma_with(around);
-      if (is_filled[i] == 0) continue;
-      sigma[i].x *= kFilledShear;
-      sigma[i].y *= kFilledShear;
+      if (!around.is_silent) sigma[i] = sigma_with(around);
     }
+  }
+  for (size_t i = 0; i < sigma.size(); ++i) {
+    if (is_filled[i] == 0) continue;
+    sigma[i].x *= kFilledShear;
+    sigma[i].y *= kFilledShear;
   }
 }
 

@@ -64,9 +64,20 @@ class NodeSigmaModel {
     std::span<const int32_t> local;
   };
   struct Neighbours;
+  // Lines of nodes, both ends included; empty if min > max.
+  struct Box {
+    int min_x = 0;
+    int max_x = -1;
+    int min_y = 0;
+    int max_y = -1;
+  };
 
+  // The nodes with a force, and the nodes around them.
+  [[nodiscard]] Box forced(std::span<const NodeForce> force) const;
+  [[nodiscard]] Box grown(const Box& box, int reach) const;
   [[nodiscard]] Neighbours neighbours_of(std::span<const NodeForce> force, int x, int y) const;
-  void find_roughness(std::span<const NodeForce> force);
+  // Of the nodes in `loud`, whose neighbours reach beyond it no force.
+  void find_roughness(std::span<const NodeForce> force, const Box& loud);
   [[nodiscard]] int32_t sigma_of(const Axis& axis, const Neighbours& around, size_t component) const;
 
   GridSize nodes_;

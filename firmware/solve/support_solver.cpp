@@ -70,7 +70,6 @@ void SupportSolver::gather(std::span<const uint8_t> mask) {
   for (const Watched& w : watched_) {
     if (mask[w.unknown / 3] == 0) selected_.push_back(w.unknown);
   }
-  normal_.select(selected_);
   project_.select(selected_);
 }
 
@@ -117,6 +116,7 @@ void SupportSolver::add_to_b(std::span<const NodeForce> beyond, SaturationCounte
   const int shift = common_shift(beyond_);
   std::transform(beyond_.begin(), beyond_.end(), p16_.begin(),
                  [&](int64_t v) { return static_cast<int16_t>(to_16(v, shift)); });
+  normal_.select(selected_);
   multiply(saturations);
   for (size_t i = 0; i < index_.size(); ++i) b_[i] += shift_saturating(image_[i], kImageFraction - shift);
   for (Watched& w : watched_) w.b += shift_saturating(w.image, kImageFraction - shift);
@@ -212,6 +212,7 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> b
   start(u, force, saturations);
   has_beyond_ = !beyond.empty();
   if (has_beyond_) add_to_b(beyond, saturations);
+  normal_.select(selected_, index_);
   modes_.assign(mask, index_);
   for (int i = 0; i < kRounds; ++i) {
     if (i > 0) weaken_pull(threshold_lsb);

@@ -1,11 +1,15 @@
-"""Instructions of each stage on 64-bit ARM, counted under qemu, and what cores of three kinds may take for them.
+"""Instructions, loads and cache lines of each stage on 64-bit ARM under qemu, and what three kinds of cores may take.
+
+    make profile
 
     cmake -S . -B BUILD -DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF -DRUFFINI_TESTS=OFF
     cmake --build BUILD --target ruffini_one_frame
-    tests/bench/instructions.py --binary BUILD/ruffini_one_frame [FOLDER...]
+    tests/bench/instructions.py --binary BUILD/ruffini_one_frame [--functions N] [FOLDER...]
 
-FOLDER: as tests/bench/run.py leaves it in build/bench; without, its smaller board is made anew, as in `make aarch64`.
-The counts are exact. The times are estimates, not measurements: instructions over clock and over
+FOLDER: as tests/bench/run.py leaves it in build/bench; without, its boards are made anew.
+Three frames are counted: an untouched one, the first of a press and the next one. Loads and cache lines are those of
+the first of a press; the caches are a model (tests/bench/stage_counts.c). All counts are exact and the same on every
+machine. The times are estimates, not measurements: instructions over clock and over
 instructions a cycle as such cores reach on integer vector code. Beside them bytes of tables and pictures over
 what the memory is stated to give at best, and products of tables over what the core multiplies at best, both as if the
 whole pad were touched. The frame is the largest of the three, as if each hid behind the others.
@@ -19,7 +23,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from run import make_data, seventy_markers, solve_tensors
@@ -41,50 +45,68 @@ STAGES = (
     "difference", "markers", "light", "photometric", "poisson", "displacement",
     "operator", "support", "wrench", "contacts", "uncertainty",
 )  # fmt: skip
-BLOCK = re.compile(r"^0x([0-9a-f]+):")
-RUN = re.compile(r"^Trace \d+: 0x[0-9a-f]+ \[[0-9a-f]+/([0-9a-f]+)/")
+FRAMES = ("untouched", "touched", "next")
+PLUGIN = Path(__file__).with_name("stage_counts.c")
+FIRST_QEMU_OF_API_2 = 9
 
 
-def count(binary: Path, folder: Path) -> list[int]:
-    """Instructions between each pair of calls of the clock."""
-    command = ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu", "-d", "in_asm,exec,nochain", "-D", "/dev/stdout"]
-    size: Counter[int] = Counter()  # instructions of the block that starts there
-    stretches: list[int] = []
-    start, now = None, 0
-    with subprocess.Popen([*command, str(binary), str(folder)], stdout=subprocess.PIPE, text=True) as traced:
-        assert traced.stdout is not None
-        is_new = False
-        for line in traced.stdout:
-            if found := RUN.match(line):
-                if line.split()[-1] == "stage_boundary":
-                    stretches.append(now)
-                    now = 0
-                now += size[int(found[1], 16)]
-            elif line.startswith("IN:"):
-                is_new, start = True, None
-            elif is_new and (found := BLOCK.match(line)):
-                if start is None:
-                    start = int(found[1], 16)
-                    size[start] = 0
-                size[start] += 1
-            elif not line.strip():
-                is_new = False
-    if traced.returncode:
-        sys.exit(f"{binary} {folder}: ended with {traced.returncode}")
+@dataclass
+class Stretch:
+    """What one stage does in one frame."""
+
+    instructions: int
+    loads: int
+    stores: int
+    l1_lines: int
+    l2_lines: int
+    functions: list[tuple[int, str]] = field(default_factory=list)
+
+
+def build_plugin(folder: Path) -> Path:
+    version = subprocess.run(["qemu-aarch64", "--version"], capture_output=True, text=True, check=True).stdout
+    found = re.search(r"version (\d+)", version)
+    if found is None:
+        sys.exit(f"qemu-aarch64 --version states no version: {version.strip()}")
+    api = 1 if int(found[1]) < FIRST_QEMU_OF_API_2 else 2
+    plugin = folder / "stage_counts.so"
+    subprocess.run(
+        ["cc", "-O2", "-Wall", "-Wextra", "-shared", "-fPIC", f"-DQEMU_API={api}", str(PLUGIN), "-o", str(plugin)],
+        check=True,
+    )
+    return plugin
+
+
+def count(binary: Path, folder: Path) -> list[Stretch]:
+    """What happens between each pair of calls of the clock."""
+    with tempfile.TemporaryDirectory() as made:
+        command = ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu", "-plugin", str(build_plugin(Path(made)))]
+        done = subprocess.run([*command, str(binary), str(folder)], stderr=subprocess.PIPE, text=True, check=False)
+    stretches: list[Stretch] = []
+    for line in done.stderr.splitlines():
+        kind, *values = line.split()
+        if kind == "stretch":
+            stretches.append(Stretch(*map(int, values)))
+        elif kind == "function":
+            stretches[-1].functions.append((int(values[0]), values[1]))
+    if done.returncode or not stretches:
+        sys.exit(f"{binary} {folder}: ended with {done.returncode}: {done.stderr.strip()[-500:]}")
     return stretches[1::2]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--binary", type=Path, required=True, help="ruffini_one_frame for aarch64")
+    parser.add_argument("--functions", type=int, default=0, metavar="N", help="print the N longest functions too")
     parser.add_argument("folder", type=Path, nargs="*", help="a board and its pictures")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as made:
         if not arguments.folder:
-            board = seventy_markers(320)
-            arguments.folder = [Path(made) / "320x240"]
-            make_data(board, arguments.folder[0], solve_tensors(board))
-        report(arguments.binary, arguments.folder)
+            boards = [seventy_markers(width_px) for width_px in (320, 640)]
+            tensors = solve_tensors(boards[0])
+            for board in boards:
+                arguments.folder.append(Path(made) / f"{board.camera.width_px}x{board.camera.height_px}")
+                make_data(board, arguments.folder[-1], tensors)
+        report(arguments.binary, arguments.folder, arguments.functions)
 
 
 def traffic(folder: Path) -> tuple[int, int]:
@@ -108,14 +130,40 @@ def traffic(folder: Path) -> tuple[int, int]:
     return n_bytes, n_products
 
 
-def report(binary: Path, folders: list[Path]) -> None:
+def in_clear(name: str) -> str:
+    return subprocess.run(["c++filt", name], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def print_functions(stages: dict[str, Stretch], n_longest: int) -> None:
+    for stage, stretch in stages.items():
+        for n, name in sorted(stretch.functions, reverse=True)[:n_longest]:
+            print(f"  {stage:14}{n / 1e3:9.0f}  {in_clear(name)}")
+
+
+def report(binary: Path, folders: list[Path], n_functions: int) -> None:
     for folder in folders:
         counted = count(binary, folder)
-        if len(counted) != len(STAGES):
-            sys.exit(f"{folder}: {len(counted)} stretches, {len(STAGES)} stages: STAGES is no longer the frame path's")
-        counts = dict(zip(STAGES, counted, strict=True))
+        if len(counted) != len(STAGES) * len(FRAMES):
+            sys.exit(
+                f"{folder}: {len(counted)} stretches, {len(STAGES)} stages in {len(FRAMES)} frames: "
+                "STAGES is no longer the frame path's"
+            )
+        frames = {frame: dict(zip(STAGES, counted[i * len(STAGES) :], strict=False)) for i, frame in enumerate(FRAMES)}
+        print(f"{folder.name}: thousands a frame, aarch64 instructions; loads, stores and lines of the touched frame")
+        columns = (*FRAMES, "loads", "stores", "L1 lines", "L2 lines")
+        print(f"  {'':14}" + "".join(f"{name:>10}" for name in columns))
+        sums = [0] * len(columns)
+        for stage, touched in frames["touched"].items():
+            row = [frames[frame][stage].instructions for frame in FRAMES]
+            row += [touched.loads, touched.stores, touched.l1_lines, touched.l2_lines]
+            sums = [a + b for a, b in zip(sums, row, strict=True)]
+            print(f"  {stage:14}" + "".join(f"{n / 1e3:10.1f}" for n in row))
+        print(f"  {'sum':14}" + "".join(f"{n / 1e3:10.1f}" for n in sums))
+        if n_functions:
+            print_functions(frames["touched"], n_functions)
+        counts = {stage: stretch.instructions for stage, stretch in frames["touched"].items()}
         counts["sum"] = sum(counts.values())
-        print(f"{folder.name}: thousands of aarch64 instructions of one frame; ESTIMATED milliseconds")
+        print(f"{folder.name}: ESTIMATED milliseconds of the touched frame")
         print(f"  {'':14}{'counted':>9}" + "".join(f"{name:>12}" for name, _, _ in CORES))
         for stage, n in counts.items():
             times = "".join(f"{n / (ghz * ipc) / 1e6:12.2f}" for _, ghz, ipc in CORES)

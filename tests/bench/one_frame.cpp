@@ -1,4 +1,4 @@
-// One frame on one path, for counting instructions (instructions.py): prints what is between two calls of the clock.
+// An untouched frame, the first of a press and the next one, for counting instructions (instructions.py).
 //
 //   ruffini_one_frame FOLDER     FOLDER as ruffini_bench reads it
 #include <cstdint>
@@ -6,7 +6,7 @@
 
 #include "recorded_input.h"
 
-// Its address in the trace parts the stages; time does not matter here.
+// The counter (stage_counts.c) parts the stages at its calls; time does not matter here.
 extern "C" __attribute__((noinline)) uint64_t stage_boundary() {
   static uint64_t n_calls = 0;
   return ++n_calls;
@@ -21,6 +21,7 @@ int main(int argc, char** argv) {
   const auto path =
       ruffini::bench::value_or_exit(ruffini::FramePath::configure(input.board, input.calibration, stage_boundary));
   for (int i = 0; i < input.board.n_rest_frames; ++i) path->process(input.view(input.rest));
-  path->process(input.view(input.pressed));
+  for (const auto* picture : {&input.untouched, &input.pressed, &input.pressed_again})
+    path->process(input.view(*picture));
   return 0;
 }

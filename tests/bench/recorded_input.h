@@ -34,15 +34,20 @@ T value_or_exit(Result<T> result) {
   return std::move(result).value();
 }
 
-// board.toml, calibration.safetensors, rest.bgr, pressed.bgr.
+// board.toml, calibration.safetensors and pictures: rest, pressed, and both again with other noise.
 struct Input {
   BoardSettings board;
   std::shared_ptr<const CalibrationFile> calibration;
   std::vector<uint8_t> rest;
+  std::vector<uint8_t> untouched;
   std::vector<uint8_t> pressed;
+  std::vector<uint8_t> pressed_again;
 
   explicit Input(const std::string& folder)
-      : rest(read_file(folder + "/rest.bgr")), pressed(read_file(folder + "/pressed.bgr")) {
+      : rest(read_file(folder + "/rest.bgr")),
+        untouched(read_file(folder + "/untouched.bgr")),
+        pressed(read_file(folder + "/pressed.bgr")),
+        pressed_again(read_file(folder + "/pressed_again.bgr")) {
     const std::string name = folder + "/board.toml";
     const std::vector<uint8_t> toml = read_file(name);
     board = value_or_exit(parse_board({reinterpret_cast<const char*>(toml.data()), toml.size()}, name));

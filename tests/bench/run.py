@@ -47,9 +47,9 @@ def dot_places(board: Board) -> Array:
     return np.asarray(grid + center)
 
 
-def picture(board: Board, *, is_pressed: bool) -> npt.NDArray[np.uint8]:
+def picture(board: Board, *, is_pressed: bool, noise: int) -> npt.NDArray[np.uint8]:
     """A noisy frame: dots, and under pressure a coloured dent that drags the dots inwards."""
-    rng = np.random.default_rng(int(is_pressed))
+    rng = np.random.default_rng(noise)
     camera = board.camera
     px_per_um = camera.focal_mpx / 1000 / camera.standoff_um
     center = np.array([camera.width_px, camera.height_px]) / 2 - 0.5
@@ -113,8 +113,9 @@ def make_data(board: Board, folder: Path, kind: OperatorKind) -> None:
     """Everything that ruffini_bench reads."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "board.toml").write_text(board.text)
-    (folder / "rest.bgr").write_bytes(picture(board, is_pressed=False).tobytes())
-    (folder / "pressed.bgr").write_bytes(picture(board, is_pressed=True).tobytes())
+    for noise, name in enumerate(("rest", "pressed", "untouched", "pressed_again")):
+        pixels = picture(board, is_pressed=name.startswith("pressed"), noise=noise)
+        (folder / f"{name}.bgr").write_bytes(pixels.tobytes())
     axis = np.linspace(-1, 1, 65)
     q_y, q_x = np.meshgrid(axis, axis, indexing="ij")
     length = np.minimum(np.hypot(q_x, q_y), 0.97)

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <random>
+
 #include "support/calibration_bytes.h"
 
 namespace ruffini {
@@ -85,6 +87,65 @@ TEST(BlockProgram, FoldsAndUnfolds) {
   EXPECT_EQ(run(program.value(), {10, 4}), (std::vector<int64_t>{36, 6}));  // (42 +- 30) / 2
   // 60000 is kept as 30000 with one exponent.
   EXPECT_EQ(run(program.value(), {30'000, 30'000}), (std::vector<int64_t>{90'000, 90'000}));
+}
+
+// Two stages over 96 values, in panels of 12 and 20 rows that read parts of the vectors.
+std::vector<uint8_t> two_stages(std::minstd_rand& random) {
+  const auto drawn = [&](int n) { return static_cast<int>(random() % static_cast<unsigned>(n)); };
+  std::vector<int32_t> fold(size_t{96} * 2);
+  for (int32_t& i : fold) i = drawn(193) - 96;
+  std::vector<int16_t> entry(size_t{(12 + 20 + 20 + 12) * 2} * 32);
+  for (int16_t& q : entry) q = static_cast<int16_t>(drawn(2001) - 1000);
+  std::vector<uint8_t> shift(entry.size() / 32);
+  for (uint8_t& s : shift) s = static_cast<uint8_t>(drawn(4));
+  return test::CalibrationBytes()
+      .meta("kinds", "operator")
+      .meta("operator.out_shift", "3")
+      .tensor("operator.fold", "I32", {96, 2}, fold)
+      .tensor("operator.stage", "I32", {2, 2}, std::vector<int32_t>{32, 9, 32, 0})
+      .tensor("operator.panel", "I32", {4, 6},
+              std::vector<int32_t>{0, 0, 12, 0, 0, 2, 0, 12, 20, 0, 2, 1, 1, 0, 20, 0, 3, 2, 1, 20, 12, 1, 5, 2})
+      .tensor("operator.segment", "I32", {7, 2},
+              std::vector<int32_t>{0, 20, 30, 30, 56, 40, 5, 20, 60, 30, 3, 15, 14, 18})
+      .tensor("operator.unfold", "I32", {96, 2},
+              [&] {
+                for (int32_t& i : fold) i = drawn(65) - 32;
+                return fold;
+              }())
+      .tensor("operator.entry", "I16", {static_cast<int>(entry.size())}, entry)
+      .tensor("operator.shift", "U8", {static_cast<int>(shift.size())}, shift)
+      .bytes();
+}
+
+TEST(BlockProgram, SelectedInputsGiveWhatAllGiveWithTheOthersZero) {
+  std::minstd_rand random(1);
+  for (int round = 0; round < 50; ++round) {
+    const Loaded file(two_stages(random));
+    const auto loaded = file.program(96, 96);
+    ASSERT_TRUE(loaded.has_value()) << loaded.error().message;
+    BlockProgram selective = loaded.value();
+    for (const unsigned one_in : {1U, 4U, 50U, 3U}) {
+      std::vector<uint32_t> inputs;
+      std::vector<uint32_t> outputs;
+      std::vector<int16_t> u(96);
+      std::vector<int16_t> with_zeros(96);
+      for (uint32_t i = 0; i < 96; ++i) {
+        u[i] = static_cast<int16_t>(random() % 60'000);
+        if (random() % 3 == 0) outputs.push_back(i);
+        if (random() % one_in != 0) continue;
+        inputs.push_back(i);
+        with_zeros[i] = u[i];
+      }
+      const std::vector<int64_t> expected = run(loaded.value(), with_zeros);
+      std::vector<int64_t> found(96);
+      selective.select(outputs, inputs);
+      selective.run(u, found);
+      for (const uint32_t i : outputs) EXPECT_EQ(found[i], expected[i]);
+      selective.select(outputs);
+      selective.run(with_zeros, found);
+      for (const uint32_t i : outputs) EXPECT_EQ(found[i], expected[i]);
+    }
+  }
 }
 
 TEST(BlockProgram, RefusesWhatCouldOverflowAndWhatIsMissing) {
