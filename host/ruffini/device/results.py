@@ -388,8 +388,8 @@ class Softness:
         part = m.softness
         numbers = [part.modulus_pa or np.inf, part.low_pa, part.high_pa or np.inf, part.log_share_q16 / 65536,
                    part.log_sigma_q16 / 65536]  # fmt: skip
-        safe = valid_or_nan(numbers, (part.validity,) * len(numbers), m.stamp.flags)
-        return cls(part.squeeze, part.n_frames, *(float(v) for v in safe), part.validity)
+        modulus, low, high, share, sigma = valid_or_nan(numbers, (part.validity,) * 5, m.stamp.flags).tolist()
+        return cls(part.squeeze, part.n_frames, modulus, low, high, share, sigma, part.validity)
 
 
 @dataclass(frozen=True)

@@ -175,7 +175,7 @@ def fit_softness(
     every = [one for parts in squeezes.values() for one in parts]
     force = np.concatenate([one.force - one.force.mean() for one in every])
     dent = np.concatenate([one.dent - one.dent.mean() for one in every])
-    slope = float(np.clip((force @ dent) / max(force @ force, 1e-9), 0.0, 2.0))
+    slope = float(np.clip(float(force @ dent) / max(float(force @ force), 1e-9), 0.0, 2.0))
     level = {name: [float((one.dent - slope * one.force).mean()) for one in parts] for name, parts in squeezes.items()}
     n_repeats = sum(len(values) - 1 for values in level.values())
     variance = sum(float(np.var(values)) * len(values) for values in level.values()) / n_repeats
