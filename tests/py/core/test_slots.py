@@ -24,6 +24,7 @@ WITHOUT_TABLES = {
     "gelsight-mini": MARKERS | {"displacement"},
     "gelslim": MARKERS | {"displacement"},
     "gelsight-wedge": {"change", "features"},
+    "ninedtact": {"change", "features"},
     "stereo-fingertip": MARKERS,
     "stereo-fingertip-thick": MARKERS,
 }
