@@ -288,6 +288,14 @@ constexpr SlotView kViews[] = {
        Out<int32_t>(to).put(path.state().vibration.level_cdb, path.state().vibration.validity);
        return size_t{2};
      }},
+    {"softness", Slot::kSoftness, "i8", "by column",
+     "n_squeezes n_frames log_share_q16 log_sigma_q16 modulus_pa low_pa high_pa validity", row<8>,
+     [](FramePath& path, void* to) {
+       const auto& [s, validity] = path.state().softness;
+       Out<int64_t>(to).put(s.n_squeezes, s.n_frames, s.log_share_q16, s.log_sigma_q16, s.modulus_pa, s.low_pa,
+                            s.high_pa, validity);
+       return size_t{8};
+     }},
 };
 
 }  // namespace

@@ -192,4 +192,15 @@ struct TipTouch {
   std::array<int64_t, 3> place_q14{};  // the middle of what is pressed, as a direction from the sphere's
 };
 
+// One squeeze of an object (stages/softness/softness.h).
+struct Squeeze {
+  int64_t n_squeezes = 0;     // up to this one, since the pad was handled
+  int64_t n_frames = 0;       // of its rise; 0: no squeeze yet
+  int64_t log_share_q16 = 0;  // log2 of the dent's curvature over that of a rigid object
+  int64_t log_sigma_q16 = 0;
+  int64_t modulus_pa = 0;  // E / (1 - nu^2); 0: not distinguishable from a rigid object
+  int64_t low_pa = 0;      // one standard deviation below, and above; high 0: no upper limit
+  int64_t high_pa = 0;
+};
+
 }  // namespace ruffini

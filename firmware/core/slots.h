@@ -168,6 +168,10 @@ struct FrameState {
     int32_t level_cdb = 0;  // hundredths of a decibel relative to one grey level, rms
     Validity validity = Validity::kNotMeasured;
   } vibration;
+  struct {
+    Squeeze squeeze;
+    Validity validity = Validity::kNotMeasured;
+  } softness;
 };
 
 enum class Slot : uint8_t {
@@ -193,6 +197,7 @@ enum class Slot : uint8_t {
   kHelmholtz,
   kToolTouch,
   kVibration,
+  kSoftness,
   kCount
 };
 inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
@@ -202,7 +207,7 @@ inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
       "difference",    "light",        "markers",     "targets",        "features",   "slope",
       "depth",         "displacement", "node_forces", "force_validity", "node_sigma", "residual",
       "wrench",        "covariance",   "contacts",    "slip",           "skin",       "profile",
-      "contact_model", "helmholtz",    "tool_touch",  "vibration"};
+      "contact_model", "helmholtz",    "tool_touch",  "vibration",      "softness"};
   return kNames[static_cast<size_t>(slot)];
 }
 
@@ -253,6 +258,7 @@ template <Slot slot, typename State>
   if constexpr (slot == Slot::kHelmholtz) return state.helmholtz;
   if constexpr (slot == Slot::kToolTouch) return state.tip;
   if constexpr (slot == Slot::kVibration) return state.vibration;
+  if constexpr (slot == Slot::kSoftness) return state.softness;
 }
 
 template <Slot slot>

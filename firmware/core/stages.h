@@ -57,6 +57,7 @@ using StagePointer = std::unique_ptr<Stage>;
 [[nodiscard]] StagePointer make_helmholtz(const StageContext& context);
 [[nodiscard]] StagePointer make_contact_depth(const StageContext& context);
 [[nodiscard]] StagePointer make_vibration(const StageContext& context);
+[[nodiscard]] StagePointer make_softness(const StageContext& context);
 [[nodiscard]] StagePointer make_uncertainty(const StageContext& context);
 
 }  // namespace ruffini

@@ -24,6 +24,7 @@ void encode_skin(const FrameState& state, const BoardSettings& board, ruffini_Co
 void encode_contact_model(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
 void encode_helmholtz(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
 void encode_tool(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
+void encode_softness(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
 
 [[nodiscard]] constexpr ruffini_Validity to_proto(Validity v) { return static_cast<ruffini_Validity>(v); }
 

@@ -13,10 +13,10 @@ constexpr size_t kMaxMetadata = 128;
 constexpr size_t kMaxRank = 8;
 constexpr std::string_view kSignatureName = "zz_signature";
 constexpr size_t kSignatureBytes = 64;
-constexpr std::array<std::string_view, 17> kKinds = {
+constexpr std::array<std::string_view, 18> kKinds = {
     "camera",        "contact", "contact_depth", "contact_model", "dark",        "fingertip",
     "finite_strain", "gauge",   "marker_depth",  "operator",      "photometric", "relaxation",
-    "rest",          "skin",    "support",       "views",         "wrench"};
+    "rest",          "skin",    "softness",      "support",       "views",       "wrench"};
 
 Error bad(const std::string& what) {
   return {ErrorKind::kBadInput, "calibration file: " + what + ": make or copy the file again"};

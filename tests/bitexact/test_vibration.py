@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from mirror.board import read_board
-from mirror.vibration import level_cdb, log2_q16
+from mirror.log2 import log2_q16
+from mirror.vibration import level_cdb
 from test_skin_stage import N_REST, calibration, picture, skin_text
 
 from ruffini.boards import parse_board

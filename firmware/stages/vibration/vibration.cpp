@@ -1,31 +1,17 @@
 #include "stages/vibration/vibration.h"
 
 #include <algorithm>
-#include <bit>
 
 #include "base/fixed.h"
+#include "base/log2.h"
 
 namespace ruffini {
 namespace {
 
 constexpr int64_t kUnitLog2Q16 = 732'032 + (8 << 16);  // of (48 / 1 grey level)^2 (image/difference.h), in Q8
 constexpr int64_t kDecibel1e4 = 30'103;                // 10 log10(2)
-constexpr int kMantissa = 30;
 
 }  // namespace
-
-int64_t log2_q16(uint64_t x) {
-  const int whole = static_cast<int>(std::bit_width(x)) - 1;
-  uint64_t mantissa = whole > kMantissa ? x >> (whole - kMantissa) : x << (kMantissa - whole);  // 1 to 2
-  int64_t out = whole;
-  for (int bit = 0; bit < 16; ++bit) {
-    mantissa = (mantissa * mantissa) >> kMantissa;
-    const uint64_t is_above = mantissa >> (kMantissa + 1);
-    mantissa >>= is_above;
-    out = 2 * out + static_cast<int64_t>(is_above);
-  }
-  return out;
-}
 
 Vibration::Vibration(int width_px, int height_px)
     : size_px_{width_px, height_px}, before_(static_cast<size_t>((width_px / kStepPx) * (height_px / kStepPx))) {}

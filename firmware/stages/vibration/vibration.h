@@ -18,9 +18,6 @@
 
 namespace ruffini {
 
-// log2 of x in 1/65536, rounded down. Precondition: x > 0.
-[[nodiscard]] int64_t log2_q16(uint64_t x);
-
 class Vibration {
  public:
   static constexpr int kStepPx = 4;

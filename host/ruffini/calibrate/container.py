@@ -47,6 +47,7 @@ KINDS = {
     "relaxation": Kind(),
     "rest": Kind(),
     "skin": Kind(),
+    "softness": Kind(),
     "support": Kind(),
     "views": Kind(),
     "wrench": Kind(),

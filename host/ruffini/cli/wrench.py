@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ruffini.calibrate.log.columns import Columns
+    from ruffini.estimators.softness.model import Softness
     from ruffini.estimators.wrench.fit import Fit
 
 
@@ -109,6 +110,7 @@ def wrench(
     from ruffini.calibrate.log.columns import read_column_logs
     from ruffini.calibrate.log.videos import VideoColumns, read_video_log
     from ruffini.errors import InputError
+    from ruffini.estimators.softness.model import fit_softness, gel_pa_of, grid_of
     from ruffini.estimators.wrench.fit import fit_wrench_map
     from ruffini.estimators.wrench.log import Features, features_of, read_feature_runs
     from ruffini.estimators.wrench.marker_prior import marker_prior
@@ -128,6 +130,7 @@ def wrench(
     if videos is not None and board is None:
         raise InputError("--videos needs --board: the features of a video are those that its board computes")
     found = find_board(board) if board else None
+    softness = None
     if named is not None:
         read = read_column_logs(paths, named)
         runs, sort = read.runs, Features("columns", len(read.names))
@@ -140,10 +143,14 @@ def wrench(
                                  f"its {sort.sort}: another sensor, or leave --board out")  # fmt: skip
     elif videos is not None and found is not None:
         with progress_bar("videos") as progress:
-            log_of_videos = read_video_log(paths, found, VideoColumns.read(videos), progress=progress)
+            of_videos = VideoColumns.read(videos)
+            log_of_videos = read_video_log(paths, found, of_videos, progress=progress)
         runs, sort = log_of_videos.runs, features_of(found)
         for line in log_of_videos.remarks:
             note(line)
+        if of_videos.squeeze_n is not None:
+            softness = fit_softness(runs, grid_of(found), of_videos.rigid, of_videos.squeeze_n, gel_pa_of(found),
+                                    of_videos.modulus_pa)  # fmt: skip
     elif found is None:
         raise InputError(f"{paths[0]}: name its columns (--columns FILE, or --time, --features, --wrench), or --board "
                          "for a recording of one of its sensors")  # fmt: skip
@@ -163,12 +170,27 @@ def wrench(
         note(f"board {found.name!r} has no stage that makes a wrench of features: it would not use this table")
     tensors, metadata = tables(fit, sort)
     residuals = json.loads(metadata["residuals"])
+    if softness is not None:
+        tensors |= softness.tables()
+        residuals["softness"] = softness.report()
     gates = write_judged(out, WRENCH.name, WRENCH.gates(fit.report(), found), found, tensors, residuals, metadata)
     left_out = residuals["left_out"]
     said = {"file": str(out), **fit.report(), "left_out": left_out, "gates": [gate._asdict() for gate in gates]}
+    if softness is not None:
+        said["softness"] = softness.report()
     if report is not None:
         write_whole(report, json.dumps(said, indent=1).encode())
-    emit_judged(said, gates, json_, "\n".join([_text(out, fit), *(f"  left out: {line}" for line in left_out)]))
+    emit_judged(said, gates, json_, "\n".join([_text(out, fit), *_softness_text(softness),
+                                                *(f"  left out: {line}" for line in left_out)]))  # fmt: skip
+
+
+def _softness_text(found: Softness | None) -> list[str]:
+    if found is None:
+        return []
+    return [
+        f"  softness of squeezes from {found.low_n:g} to {found.high_n:g} N: squeezes of one object differ by "
+        f"{100 * (2**found.sigma - 1):.0f} % (standard deviation); the gel's scale: {found.gel_pa / 1000:.3g} kPa"
+    ]
 
 
 def _text(out: Path, fit: Fit) -> str:

@@ -362,19 +362,55 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class Softness:
+    """The last squeeze of an object, until the next one; of boards with the stage softness.
+
+    squeeze : number of squeezes so far; it rises with each result.
+    modulus_pa, low_pa, high_pa : E / (1 - nu^2) of an object of the radius of the rigid ones that were fitted, and one
+        standard deviation below and above; infinite if it cannot be told from a rigid one. NaN if not VALID.
+    log_share, log_sigma : log2 of the curvature of its dent over that of a rigid object, and its standard deviation, by
+        which two objects of one shape compare. NaN if not VALID.
+    """
+
+    squeeze: int
+    n_frames: int
+    modulus_pa: float
+    low_pa: float
+    high_pa: float
+    log_share: float
+    log_sigma: float
+    validity: int
+
+    @classmethod
+    def from_message(cls, m: Any) -> Softness | None:
+        if "softness" not in m.DESCRIPTOR.fields_by_name or not m.HasField("softness"):  # older schemas have none
+            return None
+        part = m.softness
+        numbers = [part.modulus_pa or np.inf, part.low_pa, part.high_pa or np.inf, part.log_share_q16 / 65536,
+                   part.log_sigma_q16 / 65536]  # fmt: skip
+        modulus, low, high, share, sigma = valid_or_nan(numbers, (part.validity,) * 5, m.stamp.flags).tolist()
+        return cls(part.squeeze, part.n_frames, modulus, low, high, share, sigma, part.validity)
+
+
+@dataclass(frozen=True)
 class Contacts:
-    """The separate contacts, largest first; `n_found` also counts contacts that did not fit into the message."""
+    """The separate contacts, largest first; `n_found` also counts contacts that did not fit into the message.
+
+    softness : of the last squeezed object, None if the board has no such stage.
+    """
 
     capture_s: float
     frame: int
     flags: int
     contacts: tuple[Contact, ...]
     n_found: int
+    softness: Softness | None = None
 
     @classmethod
     def from_message(cls, m: Any) -> Contacts:
         contacts = tuple(Contact.from_message(c, m.stamp.flags) for c in m.contacts)
-        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, contacts, m.n_found)
+        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, contacts, m.n_found,
+                   Softness.from_message(m))  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,15 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate.log.videos import VideoColumns, read_video_log, videos_in
 from ruffini.errors import InputError
+from ruffini.estimators.softness.model import (
+    Share,
+    chance_of_wrong,
+    dent_of,
+    fit_softness,
+    gel_pa_of,
+    grid_of,
+    mean_of,
+)
 from ruffini.estimators.wrench.fit import fit_wrench_map
 from ruffini.estimators.wrench.log import FeatureRun
 from ruffini.estimators.wrench.model import frames_of
@@ -25,7 +35,9 @@ Z = 2  # the axis that a load cell reads
 # The peer: principal components of the picture made small, less the first frames', and ridge regression.
 PEER_SIZE, N_COMPONENTS, N_REFERENCE, PEER_RIDGE = (40, 30), 60, 5, 1.0
 LEAST_OBJECTS = 3
+LOAD_CELL, PICTURES = "the load cell", "the pictures"  # whose force softness is judged with
 UNTOUCHED_S = 1.0  # the gripper closes later
+TELLS = 0.05  # chance of being wrong above which two objects cannot be told apart
 
 
 @dataclass(frozen=True)
@@ -45,11 +57,34 @@ class Judged:
 
 
 @dataclass(frozen=True)
+class Pair:
+    """Two objects of one shape, neither in the fit, by their squeezes: which is harder."""
+
+    softer: str
+    harder: str
+    shares: tuple[list[Share], list[Share]]  # of the softer one's squeezes, and the harder one's
+
+    @property
+    def chance(self) -> float:
+        """Stated, of being wrong."""
+        return chance_of_wrong(*map(mean_of, self.shares)) if all(self.shares) else 0.5
+
+    @property
+    def is_told(self) -> bool:
+        return self.chance <= TELLS
+
+    @property
+    def is_right(self) -> bool:
+        return all(self.shares) and mean_of(self.shares[0]).log < mean_of(self.shares[1]).log
+
+
+@dataclass(frozen=True)
 class Found:
-    """All closings; sentences on what was left out."""
+    """All closings; sentences on what was left out; pairs by the force that was used: LOAD_CELL or PICTURES."""
 
     closings: list[Judged]
     remarks: list[str]
+    pairs: dict[str, list[Pair]] = field(default_factory=dict)
 
     def errors(self, said: str = "force") -> dict[str, float]:
         """Mean absolute error by object, of the attribute `force` or `peer` of each closing, N."""
@@ -88,6 +123,10 @@ def evaluate(
             f"{folder}: videos of {len(names)} objects ({', '.join(names)}): {LEAST_OBJECTS} are needed, since each is "
             "judged by a fit to the others, which leaves one more out to choose its terms"
         )
+    unknown = sorted({name for group in columns.like for name in group} - set(names))
+    if unknown:
+        raise InputError(f"like: there is no recording of {', '.join(unknown)}, only of {', '.join(names)}")
+    n_fits = len(names) + sum(len(group) * (len(group) - 1) // 2 for group in columns.like)
     pictures = _small_pictures(folder, board, log.runs) if peers else {}
     closings = list[Judged]()
     for i, name in enumerate(names):
@@ -98,8 +137,35 @@ def evaluate(
             stated = on_board(fit, frames_of([run], 0.0))
             closings.append(Judged(run, stated.wrench[:, Z], stated.sigma[:, Z], ~stated.is_in_range | ~stated.agrees,
                                    peer(pictures[run.name]) if peer else None, fit.kernel or "K"))  # fmt: skip
-        progress(0.2 + 0.8 * (i + 1) / len(names))
-    return Found(closings, log.remarks)
+        progress(0.2 + 0.8 * (i + 1) / n_fits)
+    pairs = dict[str, list[Pair]]()
+    for i, (softer, harder) in enumerate(two for group in columns.like for two in combinations(group, 2)):
+        for force, pair in _pair(softer, harder, log.runs, board, columns).items():
+            pairs.setdefault(force, []).append(pair)
+        progress(0.2 + 0.8 * (len(names) + i + 1) / n_fits)
+    return Found(closings, log.remarks, pairs)
+
+
+def _pair(softer: str, harder: str, runs: list[FeatureRun], board: Board, columns: VideoColumns) -> dict[str, Pair]:
+    """Two objects by fits of softness and force to all others; by either force."""
+    grid, judged, fitted = grid_of(board), (softer, harder), [r for r in runs if r.recording not in (softer, harder)]
+    rigid = [name for name in columns.rigid if name not in judged]
+    moduli = {name: pa for name, pa in columns.modulus_pa.items() if name not in judged}
+    if columns.squeeze_n is None:
+        raise InputError("like needs squeeze_n, the two forces between which a squeeze is judged")
+    softness = fit_softness(fitted, grid, rigid, columns.squeeze_n, gel_pa_of(board), moduli)
+    wrench = fit_wrench_map(fitted, holdout="recording", nonlinear=True)
+    shares = {force: {name: list[Share]() for name in judged} for force in (LOAD_CELL, PICTURES)}
+    for run in (r for r in runs if r.recording in judged):
+        dent, stated = dent_of(run.features, grid), on_board(wrench, frames_of([run], 0.0))
+        squeezes = {
+            LOAD_CELL: softness.share(dent, -run.reference[:, Z]),
+            PICTURES: softness.share(dent, -stated.wrench[:, Z], stated.sigma[:, Z]),
+        }
+        for force, share in squeezes.items():
+            if share is not None:
+                shares[force][run.recording].append(share)
+    return {force: Pair(softer, harder, (of[softer], of[harder])) for force, of in shares.items()}
 
 
 def _small_pictures(folder: Path, board: Board, runs: list[FeatureRun]) -> dict[str, Array]:

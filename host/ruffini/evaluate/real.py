@@ -137,7 +137,29 @@ def pressed_objects(mapping: Path, folder: Path, page: Page, progress: Progress)
     for n, word in ((1, "one stated sigma"), (2, "two")):
         rows.append(Row(name, f"truths within {word}", "%", 100 * found.within(n), {}))
     rows.append(Row(name, "mean |Fz| of the first second, untouched", "N", found.at_rest(), {}))
+    for force, pairs in found.pairs.items():
+        rows += _softness(name, f"softness with the force of {force}", pairs)
+        page.table(["softer", "harder", f"by the force of {force}", "chance of being wrong"],
+                   [[p.softer, p.harder, _verdict(p), f"{p.chance:.4f}"] for p in pairs])  # fmt: skip
     return rows
+
+
+def _softness(name: str, what: str, pairs: list[pressed_videos.Pair]) -> list[Row]:
+    """Which of two like objects is harder, neither of them fitted: counts, and the stated chances."""
+    told = [pair for pair in pairs if pair.is_told]
+    counts = {"told apart, rightly": sum(p.is_right for p in told), "not told apart": len(pairs) - len(told),
+              "told apart, wrongly": sum(not p.is_right for p in told)}  # fmt: skip
+    rows = [Row(name, f"{what}: pairs {words}", f"of {len(pairs)}", float(n), {}) for words, n in counts.items()]
+    singles = [a.log < b.log for p in pairs for a in p.shares[0] for b in p.shares[1]]
+    rows.append(Row(name, f"{what}: single squeezes in the right order", f"of {len(singles)}", float(sum(singles)), {}))
+    largest = 100 * max(pair.chance for pair in pairs)
+    return [*rows, Row(name, f"{what}: largest stated chance of being wrong", "%", largest, {})]
+
+
+def _verdict(pair: pressed_videos.Pair) -> str:
+    if not pair.is_told:
+        return "cannot tell"
+    return "right" if pair.is_right else "wrong"
 
 
 def kinds_of_boards() -> dict[str, Kind]:

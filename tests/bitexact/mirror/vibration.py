@@ -7,23 +7,11 @@ import numpy.typing as npt
 
 from mirror.fixed import I64
 from mirror.light import grey
+from mirror.log2 import log2_q16
 
 STEP_PX = 4
 ONE_LEVEL_LOG2_Q16 = 732_032 + 8 * 65_536  # of 48^2, in Q8
 DECIBEL_1E4 = 30_103
-
-
-def log2_q16(x: int) -> int:
-    """Rounded down, bit by bit, by squares of the mantissa."""
-    whole = x.bit_length() - 1
-    mantissa = x >> (whole - 30) if whole > 30 else x << (30 - whole)
-    out = whole
-    for _ in range(16):
-        mantissa = mantissa * mantissa >> 30
-        above = mantissa >> 31
-        mantissa >>= above
-        out = 2 * out + above
-    return out
 
 
 def level_cdb(before: npt.NDArray[np.uint8], now: npt.NDArray[np.uint8]) -> int:

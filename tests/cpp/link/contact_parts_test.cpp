@@ -51,6 +51,29 @@ TEST(ContactParts, AStageThatReportsNothingOfThisFrameAddsNothing) {
   EXPECT_FALSE(untouched.contacts[0].has_slip) << "absent, not zero";
 }
 
+TEST(ContactParts, ASqueezeIsSentWithoutAContact) {
+  FrameState s;
+  s.softness = {.squeeze = {.n_squeezes = 3,
+                            .n_frames = 7,
+                            .log_share_q16 = -140'000,
+                            .log_sigma_q16 = 9'900,
+                            .modulus_pa = 57'000,
+                            .low_pa = 49'000,
+                            .high_pa = 66'000},
+                .validity = Validity::kInvalid};
+  ruffini_Contacts sent = ruffini_Contacts_init_zero;
+  encode_softness(s, BoardSettings{}, sent);
+  ASSERT_TRUE(sent.has_softness);
+  EXPECT_EQ(sent.softness.validity, ruffini_Validity_VALIDITY_INVALID);
+  EXPECT_EQ(sent.softness.squeeze, 3U);
+  EXPECT_EQ(sent.softness.n_frames, 7U);
+  EXPECT_EQ(sent.softness.modulus_pa, 57'000U);
+  EXPECT_EQ(sent.softness.low_pa, 49'000U);
+  EXPECT_EQ(sent.softness.high_pa, 66'000U);
+  EXPECT_EQ(sent.softness.log_share_q16, -140'000);
+  EXPECT_EQ(sent.softness.log_sigma_q16, 9'900U);
+}
+
 TEST(ContactParts, EveryNumberOfTheContactModelHasItsOwnFieldAndUnit) {
   ruffini_Contacts sent = one_contact();
   sent.contacts[0].area_um2_k = 55'000;  // of the contact itself: they stay

@@ -54,7 +54,8 @@ def expected(text: str) -> dict[str, Any]:
     tree.setdefault("memory", {"calibration_kb": 131_072})
     if "grid" not in tree:
         size = {f"max_{axis}_um": tree["pad"][f"size_{axis}_um"] for axis in "xy"}
-        tree |= {**LEFT_OUT, "window": {"min_x_um": 0, "min_y_um": 0, **size}}
+        tree |= {"window": {"min_x_um": 0, "min_y_um": 0, **size}}
+    tree = LEFT_OUT | tree
     for section, keys in DEFAULTS.items():
         if section in tree:
             tree[section] = {**keys, **tree[section]}

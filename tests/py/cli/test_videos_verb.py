@@ -10,7 +10,9 @@ import pytest
 from pressed_gel import small_wedge, write_video
 from small_board import Run
 
+from ruffini.boards import find_board
 from ruffini.calibrate import container
+from ruffini.core import Pipeline
 
 LARGEST_N = 8.0
 
@@ -43,6 +45,22 @@ def test_videos_make_a_normal_force_and_nothing_else(words: list[str], run: Run,
     assert file.kinds == ["wrench"]
     assert file.metadata["gates"] == "passed"
     assert run("cal", "file", "verify", tmp_path / "wrench.safetensors", "--board", tmp_path / "gelsight-wedge")[0] == 0
+
+
+def test_rigid_objects_make_a_table_of_softness(words: list[str], run: Run, tmp_path: Path) -> None:
+    board = tmp_path / "gelsight-wedge"
+    (board / "board.toml").write_text(small_wedge().replace("n_x = 4", "n_x = 10").replace("n_y = 3", "n_y = 8"))
+    with (tmp_path / "videos.toml").open("a") as file:
+        file.write('rigid = ["brick"]\nsqueeze_n = [1, 4]\n')
+    code, text, err = run(*words, "--board", board, "--json")
+    assert code == 0, err
+    assert json.loads(text)["softness"]["force_n"] == [1, 4]
+    file = container.read(tmp_path / "wrench.safetensors")
+    assert file.kinds == ["softness", "wrench"]
+    low, high, *_ = file.tensors["softness.map"].tolist()
+    assert (low, high) == (1_000_000, 4_000_000)
+    with Pipeline(find_board(board), file.data) as core:
+        assert "softness" in core.slots
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,13 @@ BOARDS = sorted(path.parent for path in (Path(__file__).parents[3] / "boards").g
 MARKERS = {"change", "markers", "marker_state", "marker_quality", "features"}
 WITHOUT_TABLES = {
     "contact-glitter": MARKERS | {"displacement", "radial_flow", "profile"},
+    "digit-tactile": {"change", "features"},
     "eltac": {"skin", "touches", "taxels", "glow", "contacts", "wrench", "wrench_validity", "force_validity"},
     "ftouch": {"change", "targets", "features"},
     "gelsight-mini": MARKERS | {"displacement"},
     "gelslim": MARKERS | {"displacement"},
     "gelsight-wedge": {"change", "features"},
+    "ninedtact": {"change", "features"},
     "stereo-fingertip": MARKERS,
     "stereo-fingertip-thick": MARKERS,
 }

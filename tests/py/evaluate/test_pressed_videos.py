@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
-from pressed_gel import small_wedge, write_video
+from pressed_gel import LEVELS_PER_N, small_wedge, write_video
 
 from ruffini.boards import Board, parse_board
 from ruffini.calibrate.log.videos import VideoColumns
 from ruffini.errors import InputError
+from ruffini.estimators.softness.model import mean_of
 from ruffini.evaluate import pressed_videos
-from ruffini.evaluate.pressed_videos import Found, evaluate
+from ruffini.evaluate.pressed_videos import LOAD_CELL, PICTURES, Found, evaluate
 from ruffini.evaluate.wrench import has_peers
 
 COLUMNS = VideoColumns("load", "N", "frame", r"(.*)_\d")
@@ -60,6 +63,45 @@ def test_untouched_frames_and_the_share_within_sigma(found: Found) -> None:
     assert found.at_rest() < 0.2
     assert 0.3 < found.within(1.0) <= found.within(2.0) < 1.0
     assert found.within(1e9) == 1.0
+
+
+def squeezes(folder: Path, name: str, share: float) -> None:
+    """The rim gets brighter with the force; in the middle lies a bowl, as deep as a rigid object's times `share`."""
+    x, y = np.meshgrid(np.arange(160) - 80.0, np.arange(120) - 57.0)
+    is_middle = (abs(x) < 42) & (abs(y) < 28)
+    for k in range(2):
+        load = np.concatenate([np.zeros(20), 5 * np.sin(np.linspace(0, np.pi, 45)) ** 2])
+        rng = np.random.default_rng(sum(name.encode()) + k)
+        out = cv2.VideoWriter(str(folder / f"{name}_{k}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (160, 120))
+        for one in load:
+            image = np.full((120, 160, 3), 100.0)
+            image[~is_middle] += LEVELS_PER_N * one
+            bowl = share * (1 + 0.1 * k) * one**0.3 * np.stack([x, y, 0 * x], axis=-1)
+            image += is_middle[..., None] * bowl
+            out.write(np.clip(image + rng.normal(0, 1.0, image.shape), 0, 255).astype(np.uint8))
+        out.release()
+        rows = [f"{i},{one:.4f}" for i, one in enumerate(load)]
+        (folder / f"{name}_{k}.csv").write_text("\n".join(["frame,load", *rows]) + "\n")
+
+
+def test_like_objects_are_told_apart_by_a_fit_to_the_others(tmp_path: Path) -> None:
+    text = small_wedge().replace("n_x = 4", "n_x = 10").replace("n_y = 3", "n_y = 8")
+    for name, share in {"steel": 1.0, "glass": 1.0, "soft": 0.3, "hard": 0.6, "same": 0.62}.items():
+        squeezes(tmp_path, name, share)
+    like = (("soft", "hard"), ("hard", "same"))
+    columns = replace(COLUMNS, rigid=("steel", "glass"), squeeze_n=(0.7, 3.0), like=like)
+    found = evaluate(tmp_path, parse_board(text.encode(), "small wedge"), columns, peers=False)
+    assert list(found.pairs) == [LOAD_CELL, PICTURES]
+    for told, alike in found.pairs.values():
+        assert (told.softer, told.harder) == like[0]
+        assert [len(shares) for shares in told.shares] == [2, 2]
+        assert (told.is_told, told.is_right) == (True, True)
+        assert told.chance < 0.001
+        assert mean_of(told.shares[0]).log == pytest.approx(np.log2(0.3), abs=0.2)
+        assert not alike.is_told
+        assert 0.05 < alike.chance <= 0.5
+    with pytest.raises(InputError, match="like: there is no recording of sofa"):
+        evaluate(tmp_path, parse_board(text.encode(), "small wedge"), replace(columns, like=(("sofa", "hard"),)))
 
 
 def test_a_peer_is_judged_on_the_same_frames(found: Found) -> None:

@@ -17,9 +17,9 @@ def old_schema() -> Schema:
     """The schema of a device that knows nothing of slip and of how sure it is."""
     files = descriptor_pb2.FileDescriptorSet.FromString(Schema.own().bytes)
     for message in files.file[0].message_type:
-        young = ("slip", "sigma", "covariance")
+        young = ("slip", "sigma", "covariance", "softness")
         kept = [f for f in message.field if not any(word in f.name for word in young) and f.number < 10]
-        if message.name in ("Contact", "Field", "Wrench"):
+        if message.name in ("Contact", "Contacts", "Field", "Wrench"):
             del message.field[:]
             message.field.extend(kept)
     return Schema(files.SerializeToString())
@@ -58,6 +58,7 @@ def test_what_is_not_measured_is_none() -> None:
 def test_an_old_device_has_no_slip() -> None:
     schema = old_schema()
     message = schema.new("Contacts", contacts=[{"area_um2_k": 2000, "force_z_un": -5}])
+    assert Contacts.from_message(message).softness is None
     (contact,) = Contacts.from_message(message).contacts
     assert contact.flow_parts is None
     assert contact.area == pytest.approx(2e-6)
@@ -227,3 +228,21 @@ def test_what_pulls_on_the_pad_has_no_slip_margin() -> None:
     field = Field.from_message(Schema.own().new("Field", force_lsb_un=10, force=pulled, validity=[VALID] * 3))
     assert field.force_steps.tolist() == [[[0, 0, 1]]]
     assert field.slip_margin(0.5).tolist() == [[0.0]]
+
+
+def test_a_squeeze_has_a_modulus_and_an_interval() -> None:
+    schema = Schema.own()
+    sent = {"validity": 1, "squeeze": 3, "n_frames": 7, "modulus_pa": 57_000, "low_pa": 49_000, "high_pa": 66_000,
+            "log_share_q16": -131_072, "log_sigma_q16": 13_107}  # fmt: skip
+    softness = Contacts.from_message(schema.new("Contacts", softness=sent)).softness
+    assert softness is not None
+    assert (softness.squeeze, softness.n_frames, softness.validity) == (3, 7, 1)
+    assert (softness.modulus_pa, softness.low_pa, softness.high_pa) == (57e3, 49e3, 66e3)
+    assert (softness.log_share, softness.log_sigma) == (-2.0, pytest.approx(0.2, abs=1e-4))
+    rigid = Contacts.from_message(schema.new("Contacts", softness={**sent, "modulus_pa": 0, "high_pa": 0})).softness
+    assert rigid is not None
+    assert (rigid.modulus_pa, rigid.low_pa, rigid.high_pa) == (np.inf, 49e3, np.inf)
+    wrong = Contacts.from_message(schema.new("Contacts", softness={**sent, "validity": 3})).softness
+    assert wrong is not None
+    assert np.isnan([wrong.modulus_pa, wrong.low_pa, wrong.high_pa, wrong.log_share, wrong.log_sigma]).all()
+    assert Contacts.from_message(schema.new("Contacts")).softness is None

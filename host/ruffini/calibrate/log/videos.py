@@ -9,6 +9,11 @@ What the load cell reads while rest is learned, in the first frames, is its zero
                                       # group are of one object, and left out together; else each video is alone
     largest_jump = 10.0               # optional, in the unit, above zero: readings of neighbouring frames that differ
                                       # by more are glitches, left out
+    rigid = ["steel_ball"]            # optional, the next three with it: objects (`recording`) as hard as they come,
+                                      # of which softness is fitted
+    squeeze_n = [0.7, 3.0]            # forces between which a squeeze is judged, N
+    modulus_pa = { foam = 40000 }     # optional: moduli of objects over 1 - nu^2; default: the scale of the board's pad
+    like = [["foam", "hard_foam"]]    # optional: objects of one shape, the softest first, by which it is judged
 """
 
 from __future__ import annotations
@@ -16,9 +21,9 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +43,28 @@ SAID_ZERO = 0.01  # of the largest reading: a load cell's zero beyond it is said
 SUFFIXES = (".avi", ".mp4", ".mkv", ".mov")
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _are_names(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(name, str) for name in value)
+
+
+def _is_range(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)) and 0 < value[0] < value[1]
+
+
+_TEXT: tuple[Callable[[Any], bool], str] = (lambda value: isinstance(value, str), "text")
+_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "force": _TEXT, "unit": _TEXT, "frame": _TEXT, "recording": _TEXT, "largest_jump": (_is_number, "a number"),
+    "rigid": (_are_names, "a list of names of objects"), "squeeze_n": (_is_range, "two rising forces above zero, N"),
+    "modulus_pa": (lambda value: isinstance(value, dict) and all(_is_number(v) and v > 0 for v in value.values()),
+                   "a table of moduli above zero, Pa"),
+    "like": (lambda value: isinstance(value, list) and all(map(_are_names, value)), "lists of names of objects"),
+}  # fmt: skip
+
+
 @dataclass(frozen=True)
 class VideoColumns:
     """Names of the columns; the module's docstring explains each."""
@@ -47,6 +74,10 @@ class VideoColumns:
     frame: str = ""
     recording: str = ""
     largest_jump: float = float("inf")
+    rigid: tuple[str, ...] = ()
+    squeeze_n: tuple[float, float] | None = None
+    modulus_pa: dict[str, float] = field(default_factory=dict)
+    like: tuple[tuple[str, ...], ...] = ()
 
     @classmethod
     def read(cls, path: Path) -> VideoColumns:
@@ -55,15 +86,21 @@ class VideoColumns:
             file = tomllib.loads(readable(path).read_text())
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise InputError(f"{path}: cannot be read: {error}") from error
-        known = {f.name: float if f.name == "largest_jump" else str for f in fields(cls)}
         for name, value in file.items():
-            if name not in known:
-                raise InputError(f"{path}: {name}: unknown; known are {', '.join(known)}")
-            if not isinstance(value, (int, float) if known[name] is float else str) or isinstance(value, bool):
-                raise InputError(f"{path}: {name} must be {'a number' if known[name] is float else 'text'}")
+            if name not in _CHECKS:
+                raise InputError(f"{path}: {name}: unknown; known are {', '.join(_CHECKS)}")
+            is_right, what = _CHECKS[name]
+            if not is_right(value):
+                raise InputError(f"{path}: {name} must be {what}")
         if "force" not in file:
             raise InputError(f"{path}: force is not named: which column of the CSV files is it?")
-        made = cls(**file)
+        if "rigid" in file and "squeeze_n" not in file:
+            raise InputError(f"{path}: rigid needs squeeze_n, the two forces between which a squeeze is judged")
+        if not file.get("rigid") and (without := sorted({"squeeze_n", "modulus_pa", "like"} & file.keys())):
+            raise InputError(f"{path}: {without[0]} needs rigid, the names of rigid objects")
+        made = cls(**{**file, "rigid": tuple(file.get("rigid", ())),
+                      "squeeze_n": tuple(file["squeeze_n"]) if "squeeze_n" in file else None,
+                      "like": tuple(map(tuple, file.get("like", ())))})  # fmt: skip
         if not made.largest_jump > 0:
             raise InputError(f"{path}: largest_jump must be above zero, is {made.largest_jump:g}")
         force_factor(made.unit)

@@ -91,6 +91,8 @@ class WhiteRing(_Light):
     radius_um: LengthUm
     z_um: OffsetUm
     tint_1e3: Powers  # B, G, R
+    # Compression of a translucent layer before a black one that makes it e times darker; 0: an opaque surface.
+    darkening_um: Annotated[int, Field(ge=0, le=100_000)] = 0
 
 
 class Electroluminescent(_Light):

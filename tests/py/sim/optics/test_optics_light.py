@@ -41,6 +41,17 @@ def test_ring_light_is_even_round_the_axis(bench):
     assert grey[100:140, 140:180].mean() > grey[5:15, 5:15].mean() + 5
 
 
+def test_a_squeezed_translucent_layer_is_darker_by_its_compression_alone(bench):
+    """Against the same lamps on an opaque surface, whose light changes with slope and distance alone."""
+    clear = bench("ninedtact", noise=NO_NOISE, sensor=PLAIN_SENSOR)
+    light = clear.twin.light.model_dump()
+    opaque = bench("ninedtact", noise=NO_NOISE, sensor=PLAIN_SENSOR, light={**light, "darkening_um": 0})
+    np.testing.assert_array_equal(clear.picture(), opaque.picture())
+    middle = np.s_[238:242, 318:322]
+    ratio = clear.picture(clear.dent(0, 0, 1.0, 3.0))[middle] / opaque.picture(opaque.dent(0, 0, 1.0, 3.0))[middle]
+    np.testing.assert_allclose(ratio, np.exp(-1.0 / (light["darkening_um"] * 1e-3)), atol=0.01)
+
+
 def test_glitter_moves_with_the_surface(bench):
     import cv2
 

@@ -1,4 +1,8 @@
-"""White lamps evenly spaced on a ring about the camera's axis."""
+"""White lamps evenly spaced on a ring about the camera's axis.
+
+A translucent layer before a black one scatters less light where it is squeezed thin: by Beer and Lambert
+exp(-compression / darkening) of that at rest.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,9 @@ def shade(light: WhiteRing, hits: Hits, lamp_gain: Floats, place_mm: Floats) -> 
     for place, gain in zip(place_mm, lamp_gain, strict=True):
         if gain > 0:
             total += np.float32(gain) * lamp(hits, place)
+    if light.darkening_um:
+        inward_mm = np.einsum("...i,...i", hits.displacement, hits.normal)
+        total *= np.exp(-np.maximum(inward_mm, 0) / np.float32(light.darkening_um * 1e-3))
     return total[..., None] * np.array(light.tint_1e3, dtype=np.float32) * np.float32(1e-3)
 
 
