@@ -15,7 +15,7 @@ import pytest
 from browser import colours_in, sensor_of, wait_for
 from hang import HANG_S
 from playwright.sync_api import Page
-from test_bench_file import GRAMS_A_NEWTON, LIMITS, TEXT, Desk
+from test_bench_file import GRAMS_A_NEWTON, LIMITS, TEXT, Desk, held
 from tiny_twin import Twin
 
 from ruffini.rig.emulated_person import EmulatedPerson
@@ -38,11 +38,16 @@ class SlowPerson:
         self.person = EmulatedPerson(1)
         self.heard: list[str] = []
         self.waiting: queue.Queue[str] = queue.Queue()
+        self.shown = ""  # by the scale under the sensor
         self._may = threading.Semaphore(0)
 
     def hear(self, text: str) -> None:
         asked, is_question, _ = text.partition(", then press Enter")
         self.heard.append(asked)
+        if "type what it shows" in asked:
+            self.shown = self.person.number(asked)
+            self._wait(asked)
+            return
         if asked == "hold still":
             self.person.say(asked)
             self._wait(asked)
@@ -203,3 +208,44 @@ def test_questions_are_answered_on_the_page_and_stop_keeps_what_is_there(
         assert "goes on from there" in text_of(page, ".guide .end.bad")
     assert collecting.code == 4
     assert "stopped" in collecting.error
+
+
+def test_what_a_kitchen_scale_shows_is_typed_into_the_page(
+    twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    person: SlowPerson, page: Page,
+) -> None:  # fmt: skip
+    """Nonsense and a typing error are refused in one sentence; x and z are no keys while a person types."""
+    desk = Desk(twin, tmp_path, person.person, capsys)
+    wrong = {0: ("2oo zx", "'2oo zx' is no weight in grams"), 1: ("2000", "2000 g is far from 60 g")}
+    shown_g: dict[str, float] = {}  # by what was asked; a press that a busy computer spoils is asked for again
+    n_typed = 0
+    with desk.running():
+        words = ("--program", "scale", "--grams", "60,90", "--n", 2)
+        rig = WEIGHT.replace("0.1", "2.0") + LIMITS
+        collecting = start(desk, monkeypatch, rig, person, page, *words)
+        for word in collecting.words():
+            if "type what it shows" in word:
+                assert word.startswith(wrong[n_typed - 1][1] if n_typed - 1 in wrong else "press at")
+                typed = wrong[n_typed][0] if n_typed in wrong else person.shown
+                if n_typed not in wrong:
+                    shown_g[word[word.index("press at") :]] = float(typed.replace(",", "."))
+                n_typed += 1
+                page.keyboard.type(typed)
+                assert page.input_value(".guide .typed input") == typed
+                page.keyboard.press("Enter")
+            elif word == "let go":
+                assert not page.is_visible(".guide .typed")
+                page.click(".guide .ask button", timeout=PATIENCE_S * 1e3)
+        shown(page, ".guide .said", "Complete.")
+        collecting.join(PATIENCE_S)
+    assert collecting.code == 0, collecting.error
+    log = read_log(tmp_path / "log.h5")
+    assert [t.facts["typed_g"] for t in log.touches] == list(shown_g.values())
+    assert "typed" in log.found["clocks"][0]["why_not"]
+    for touch, grams in zip(log.touches, (60.0, 90.0), strict=True):
+        typed_n = touch.facts["typed_g"] / GRAMS_A_NEWTON
+        said_n = -held(touch, "stream_wrench", "stream_host_s")
+        print(f"{grams:g} g: typed {typed_n:.3f} N, the sensor says {said_n:.3f} N")
+        assert -held(touch, "reference_wrench", "reference_s") == pytest.approx(typed_n)
+        assert typed_n == pytest.approx(grams / GRAMS_A_NEWTON, abs=0.02)
+        assert said_n == pytest.approx(typed_n, rel=0.3)

@@ -29,6 +29,7 @@ test("a state is read as it was said", () => {
     program: "free on gelslim",
     said: "harder",
     asked: 3,
+    wantsNumber: false,
     nDone: 1,
     nTotal: 2,
     nRedone: 1,
@@ -40,6 +41,7 @@ test("a state is read as it was said", () => {
     setAside: ["press by hand: no frame for 1 s"],
     end: undefined,
   });
+  expect(read({ wants_number: true }).wantsNumber).toBe(true);
   expect(read({ end: { ok: true, text: "All.", next: "ruffini cal fit" } }).end).toEqual({ isOk: true, text: "All.", next: "ruffini cal fit" });
 });
 
@@ -51,6 +53,7 @@ test("what is no number, no place and no text is left out, and never shown as on
   const guide = read({
     program: { toString: () => "x" },
     asked: -1,
+    wants_number: "yes",
     n_done: NaN,
     n_total: "7",
     n_redone: 1e300,
@@ -63,6 +66,7 @@ test("what is no number, no place and no text is left out, and never shown as on
     end: "over",
   });
   expect(guide.program).toBe("");
+  expect(guide.wantsNumber).toBe(false);
   expect([guide.asked, guide.nDone, guide.nTotal, guide.nRedone]).toEqual([0, 0, 0, 0]);
   expect(guide.touches).toEqual([{ x: 1, y: 2, isDone: false }]);
   expect([guide.target, guide.load, guide.held, guide.end]).toEqual([undefined, undefined, undefined, undefined]);

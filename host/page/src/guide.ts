@@ -19,6 +19,8 @@ export interface Guide {
   said: string;
   /** Number of the question that waits for an answer; 0: none does. */
   asked: number;
+  /** Its answer is a number that is typed. */
+  wantsNumber: boolean;
   nDone: number;
   nTotal: number;
   nRedone: number;
@@ -47,6 +49,7 @@ export function readGuide(told: unknown): Guide | undefined {
     program: text(m["program"]),
     said: text(m["said"]),
     asked: count(m["asked"]),
+    wantsNumber: m["wants_number"] === true,
     nDone: count(m["n_done"]),
     nTotal: count(m["n_total"]),
     nRedone: count(m["n_redone"]),

@@ -142,7 +142,7 @@ function greet(strand: Strand, hello: Hello): void {
 
 function showGuide(strand: Strand, guide: Guide): void {
   if (!strand.guide) {
-    const panel = new GuidePanel((word) => strand.line.tell({ kind: "answer", word, asked: panel.latest?.asked ?? 0 }));
+    const panel = new GuidePanel((word, typed) => strand.line.tell({ kind: "answer", word, asked: panel.latest?.asked ?? 0, typed }));
     strand.guide = panel;
     main.prepend(panel.element);
   }
@@ -412,6 +412,7 @@ document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
   if (event.key === " " && event.target instanceof HTMLButtonElement) return; // presses that button
   if (event.key === "Enter" && event.target instanceof HTMLButtonElement) return; // likewise
+  if (event.target instanceof HTMLInputElement && event.key !== "Enter") return; // typed into it
   const guides = strands.flatMap(({ guide }) => guide?.buttons.filter((b) => !b.hidden) ?? []);
   const found = [...guides, ...BUTTONS].find((b) => b.dataset["key"] === event.key.toLowerCase());
   if (!found || found.hidden) return;

@@ -13,7 +13,7 @@ export type ToWorker =
   | { kind: "file"; file: Blob } // a recording in the place of a line
   | { kind: "record"; isOn: boolean }
   | { kind: "flash"; file: Blob }
-  | { kind: "answer"; word: "done" | "stop"; asked: number } // to a collection that has this page beside it
+  | { kind: "answer"; word: "done" | "stop"; asked: number; typed: string } // to a collection that has this page beside it
   | { kind: "shown" } // the last snapshot is on the screen: the next one may come
   | { kind: "close" };
 

@@ -236,7 +236,7 @@ self.onmessage = async ({ data }: MessageEvent<ToWorker>) => {
     if (data.isOn) beginRecording();
     else await endRecording();
   } else if (data.kind === "answer") {
-    tell?.({ guide: data.word, asked: data.asked });
+    tell?.({ guide: data.word, asked: data.asked, typed: data.typed });
   } else if (data.kind === "shown") {
     isDrawn = true;
     offer();

@@ -23,17 +23,25 @@ if TYPE_CHECKING:
     from ruffini.rig.settings import RigSettings
     from ruffini.view.guided import GuidingPage
 
-SIMULATED, LOG = "sim", "log"
+SIMULATED, LOG, SCALE = "sim", "log", "scale"
+NO_SHEAR = "A scale measures no shear: it follows from the pad's mechanics, with the uncertainty in the stream"
 
 
 def collect(
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="Log (HDF5) to write; run again after a stop to go on with it.")],
-    rig: Annotated[str, typer.Option("--rig", help="File of the bench (host/ruffini/rig/README.md), or sim.")],
+    rig: Annotated[
+        str,
+        typer.Option(
+            "--rig",
+            help="File of the bench (host/ruffini/rig/README.md); scale: a kitchen scale under the sensor, read by a "
+            "person; or sim.",
+        ),
+    ],
     program: Annotated[
         str | None,
         typer.Option(
-            help="grid (depth and shear), balls (straight presses), or by hand: weights, free, conditions, "
+            help="grid (depth and shear), balls (straight presses), or by hand: weights, scale, free, conditions, "
             "log (the reference is a CSV of another program). Default: what the board's estimator is fitted to."
         ),
     ] = None,
@@ -49,7 +57,7 @@ def collect(
         float,
         typer.Option(min=0.5, max=60, help="How long each touch is held (grid, balls); 3 tells a gel's relaxation."),
     ] = 0.5,
-    grams: Annotated[str, typer.Option(help="weights: which, in grams.")] = "20,50,100,200",
+    grams: Annotated[str, typer.Option(help="weights, scale: which, in grams.")] = "20,50,100,200",
     force_n: Annotated[float, typer.Option(min=0.1, help="free, conditions: largest force by hand.")] = 2.0,
     torque_nmm: Annotated[float, typer.Option(min=0.1, help="conditions: largest moment by hand.")] = 10.0,
     normal_n: Annotated[
@@ -87,7 +95,7 @@ def collect(
     found = find_board(board)
     settings = None if rig == SIMULATED else _settings(rig)
     task = pressed_for(found)
-    program = program or (task.program if task.program in PROGRAMS else "grid")
+    program = program or (SCALE if rig == SCALE else task.program if task.program in PROGRAMS else "grid")
     depth_mm = task.depth_mm if depth_mm is None else depth_mm
     shear_mm = task.shear_mm if shear_mm is None else shear_mm
     ball_mm = task.ball_mm if ball_mm is None else ball_mm
@@ -115,6 +123,8 @@ def collect(
                           "shear_mm": shear_mm, "rig": rig, "tip": _tip(settings, ball_mm)})  # fmt: skip
     n_before = len(log.done())
     next_step = f"Next: ruffini cal fit {out} --board {board} --out calibration.safetensors"
+    if program == SCALE:
+        next_step += f". {NO_SHEAR}"
     page = _page(f"{program} on {found.name}", next_step, http_port, opens=not no_browser) if view else None
     with _bench(settings, found, program, limits, calibration, options, page) as bench, progress_bar("touches") as bar:
 
@@ -194,9 +204,9 @@ def convert(
 
 
 def _settings(rig: str) -> RigSettings:
-    from ruffini.rig.settings import load_rig
+    from ruffini.rig.settings import load_rig, scale_rig
 
-    return load_rig(Path(rig))
+    return scale_rig() if rig == SCALE else load_rig(Path(rig))
 
 
 def _by_hand(grams: str, force_n: float, torque_nmm: float, normal_n: float | None) -> Any:

@@ -34,9 +34,10 @@ from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.network_cell import NetworkCell, fetch_settings
 from ruffini.rig.placed_weight import PlacedWeight
-from ruffini.rig.program import BY_STAGE, INDENTERS, Span
+from ruffini.rig.program import BY_STAGE, INDENTERS, SCALE, Span
 from ruffini.rig.reference import Reference
 from ruffini.rig.session import Pace, Parts, SensorParts
+from ruffini.rig.settings import SCALE_SIGMA_G
 from ruffini.rig.stage import Stage
 from ruffini.rig.text_cell import TextCell
 from ruffini.rig.turned import Turned
@@ -186,8 +187,8 @@ def _reference(
     twin: TwinBench, text_cell: EmulatedTextCell | None, page: EmulatedPage, program: str, rate_hz: float
 ) -> Reference:
     """Weights are their own reference; a tube's paper has a cell on the tip, which has one axis; the others six."""
-    if program == "weights":
-        return PlacedWeight(WEIGHT_SIGMA_G)
+    if program in ("weights", SCALE):
+        return PlacedWeight(WEIGHT_SIGMA_G if program == "weights" else SCALE_SIGMA_G)
     if text_cell is not None:
         twin.twin.listeners.append(text_cell.measure)
         return TextCell(text_cell.port, "N", float(FULL_SCALE[2]), float(SIGMA[2]), rate_hz=rate_hz)

@@ -44,6 +44,15 @@ class Person(Protocol):
             The person declined, or nobody answers.
         """
 
+    def number(self, text: str) -> str:
+        """Show an instruction and wait until the person has typed what it asks for; returns that, unchecked.
+
+        Raises
+        ------
+        RefusedError
+            The person declined, or nobody answers.
+        """
+
 
 @dataclass
 class Bench:

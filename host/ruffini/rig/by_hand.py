@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from ruffini import host_clock
-from ruffini.errors import RefusedError
+from ruffini.errors import InputError, RefusedError
 from ruffini.rig.bench import Bench
 from ruffini.rig.checks import check_axes, check_unit
 from ruffini.rig.guide import TOLERANCE
 from ruffini.rig.manual import HandPress, Target
-from ruffini.rig.program import Condition, HandTouch, Weight
+from ruffini.rig.placed_weight import grams_of
+from ruffini.rig.program import Condition, HandTouch, ScalePress, Weight
 from ruffini.rig.stage import Place
 from ruffini.rig.touch import FREE_N
 from ruffini.rig.units import GRAVITY_M_S2
@@ -23,6 +24,7 @@ Path = list[tuple[float, Place]]
 PATIENCE_S = 120.0
 BEGUN, ENDED = 0.15, 0.05  # of the load that is asked for: where a load begins and ends
 QUIET_S = 0.3  # of nothing, after a load
+NEAR_PART = 0.5  # of the weight that is asked for, and its inverse: beyond that it is a typing error
 POLL_S = 0.02
 
 
@@ -43,6 +45,40 @@ def weight(bench: Bench, item: Weight, _: Path) -> dict[str, Any]:
     bench.person.confirm("take it away")
     bench.rest()
     return {"touched_host_s": held, "held_host_s": held, "lifted_host_s": lifted}
+
+
+def scale(bench: Bench, item: ScalePress, _: Path) -> dict[str, Any]:
+    """A person presses, types what the scale under the sensor shows, holds still, and lets go."""
+    if bench.weight is None:
+        raise InputError("program 'scale' is for a scale that a person reads: give --rig scale, or kind = 'weight'")
+    begun = host_clock.now()
+    grams = _typed(bench, item)
+    if (force_n := 1e-3 * grams * GRAVITY_M_S2) > bench.max_force_n:
+        raise RefusedError(f"pressed with {force_n:.2f} N, more than the {bench.max_force_n:g} N allowed: let go")
+    bench.weight.place(grams)
+    bench.reference.fresh()
+    held = host_clock.now()
+    bench.person.say("hold still")
+    lifted = bench.hold(held)
+    bench.weight.place(0.0)
+    bench.person.confirm("let go")
+    bench.rest()
+    return {"typed_g": grams, "touched_host_s": begun, "held_host_s": held, "lifted_host_s": lifted}
+
+
+def _typed(bench: Bench, item: ScalePress) -> float:
+    """What the person types, in grams; asked again until it is a number near what was asked for."""
+    question, wrong = f"{item.told()}, keep pressing, and type what it shows, in grams", ""
+    while True:
+        text = bench.person.number(f"{wrong}{question}")
+        try:
+            grams = grams_of(text)
+        except InputError as error:
+            wrong = f"{error} - "
+            continue
+        if NEAR_PART * item.grams <= grams <= item.grams / NEAR_PART:
+            return grams
+        wrong = f"{grams:g} g is far from {item.grams:g} g: press again - "
 
 
 def touch(bench: Bench, item: HandTouch, _: Path) -> dict[str, Any]:

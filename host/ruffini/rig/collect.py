@@ -21,7 +21,7 @@ from ruffini.rig.contact_surface import ContactSurface, PadMovedError
 from ruffini.rig.found import estimate
 from ruffini.rig.guarded_stage import CONTACT_N, DryStage, GuardedStage, Limits
 from ruffini.rig.log_file import LogWriter, TouchRecord
-from ruffini.rig.program import HOLD_S, Condition, HandTouch, Indent, Item, Touch, Weight
+from ruffini.rig.program import HOLD_S, Condition, HandTouch, Indent, Item, ScalePress, Touch, Weight
 from ruffini.rig.stage import Place
 from ruffini.rig.touch import faults_of, record_of
 
@@ -159,8 +159,8 @@ def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     drift = bench.tare_again()
     path: list[tuple[float, Place]] = []
     how: dict[type, Callable[[Bench, Any, by_hand.Path], dict[str, Any]]] = {
-        Touch: _by_stage, Indent: _by_indenter, Weight: by_hand.weight, HandTouch: by_hand.touch,
-        Condition: by_hand.condition,
+        Touch: _by_stage, Indent: _by_indenter, Weight: by_hand.weight, ScalePress: by_hand.scale,
+        HandTouch: by_hand.touch, Condition: by_hand.condition,
     }  # fmt: skip
     facts = {"kind": item.kind, "told": item.told(), **item._asdict(), **how[type(item)](bench, item, path),
              "session": bench.session, "tare": drift.tolist()}  # fmt: skip

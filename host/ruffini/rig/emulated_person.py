@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 AT = re.compile(r"x ([-+][\d.]+), y ([-+][\d.]+) mm")
 PRESS = re.compile(r"press .*with [\d.]+ N")
 PUT = re.compile(r"put ([\d.]+) g")
+SCALE = re.compile(r"press at .* until the scale shows about ([\d.]+) g")
 AXIS = re.compile(r"([-+])(F[xyz]|T[xyz])")
 UP_TO = re.compile(r"up to ([\d.]+) N(?:, pressing ([\d.]+) N,)? and ([\d.]+) N mm")
 FIRST_STEP_M, LEAST_STEP_M = 3e-5, 2e-6  # a frame, of a hand that seeks a force
@@ -83,6 +84,16 @@ class EmulatedPerson:
             return
         put = PUT.match(text)
         self._carry(1e-3 * float(put[1]) * GRAVITY_M_S2 if put else None, _place_in(text) if put else None)
+
+    def number(self, text: str) -> str:
+        """Press on a scale of 1 g, and type what it shows, as some scales do with a comma."""
+        self._echo(text)
+        wanted = SCALE.search(text)
+        if not self.is_obedient or wanted is None:
+            raise RefusedError(f"stopped by a key at {text!r}")
+        self._carry(1e-3 * float(wanted[1]) * GRAVITY_M_S2, _place_in(text))
+        with self._lock:
+            return f"{self._felt_n / GRAVITY_M_S2 * 1e3:.0f},0"
 
     def _carry(self, weight_n: float | None, place: tuple[float, float] | None) -> None:
         """Put a weight somewhere, or take it away; returns when the pad carries it, or nothing."""

@@ -14,6 +14,7 @@ from ruffini.errors import InputError
 from ruffini.rig.clock import fit_clock, fit_curved
 from ruffini.rig.frame_fit import FrameFit, fit_frame
 from ruffini.rig.log_file import ACTIVITY, MOTION, Log, TouchRecord
+from ruffini.rig.program import SCALE
 from ruffini.rig.touch_clock import MIN_TOUCHES, Pressed, fit_touches
 
 Array = npt.NDArray[np.float64]
@@ -50,6 +51,8 @@ def estimate(touches: list[TouchRecord], reference: dict[str, Any]) -> dict[str,
 
 
 def _clock(touches: list[TouchRecord]) -> dict[str, Any]:
+    if any(t.facts.get("kind") == SCALE for t in touches):
+        return {"why_not": "a person typed the reference: its readings do not follow the press in time"}
     touches = sorted(touches, key=lambda t: float(t.arrays["stream_s"][0]))
     stream_s, host_s, reference_s = (
         np.concatenate([t.arrays[name] for t in touches]) for name in ("stream_s", "stream_host_s", "reference_s")

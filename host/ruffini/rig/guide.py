@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ruffini.rig.program import Condition, HandTouch, Item, Weight
+from ruffini.rig.program import Condition, HandTouch, Item, ScalePress, Weight
 
 TOLERANCE = 0.15  # of the requested force, by hand
 WEIGHT_TOLERANCE = 0.1  # accuracy of a weight shown by a sensor that is not calibrated yet
@@ -23,6 +23,7 @@ class Guide:
     said: str = "looking at reference and sensor: nothing may touch the pad"
     n_asked: int = 0  # questions so far
     is_asked: bool = False  # the last one waits for an answer
+    wants_number: bool = False  # and that answer is typed
     hold: tuple[float, float] | None = None  # since when it is held as it should be (host_clock), and for how long
     set_aside: tuple[str, ...] = ()  # why touches are done again, the newest last
     n_redone: int = 0
@@ -33,7 +34,7 @@ class Guide:
 
     def touch(self, number: int) -> None:
         """This touch is next."""
-        by_hand = isinstance(self.items[number], HandTouch | Weight | Condition)
+        by_hand = isinstance(self.items[number], HandTouch | Weight | ScalePress | Condition)
         self.number, self.hold = number, None
         self.said = "wait: nothing may touch the pad" if by_hand else "hands off: the machine presses"
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -41,13 +42,22 @@ class HeardPerson:
         self._person.say(text)
 
     def confirm(self, text: str) -> None:
+        with self._asking(text, wants_number=False):
+            self._person.confirm(text)
+
+    def number(self, text: str) -> str:
+        with self._asking(text, wants_number=True):
+            return self._person.number(text)
+
+    @contextlib.contextmanager
+    def _asking(self, text: str, *, wants_number: bool) -> Iterator[None]:
         guide = self._guide
         self._forget()  # pressed as the terminal answered the question before: it is no answer to this one
         guide.n_asked += 1
-        guide.is_asked = True
+        guide.wants_number, guide.is_asked = wants_number, True
         guide.said = text  # last: who sees the question may answer it
         try:
-            self._person.confirm(text)
+            yield
         finally:
             guide.is_asked = False
 
@@ -59,7 +69,8 @@ def told(guide: Guide, bench: Bench | None) -> dict[str, Any]:
     live = None if bench is None else Live.of(bench)
     places = [(one, i) for i, one in enumerate(guide.items) if hasattr(one, "x_m")]
     return {
-        "said": guide.said, "asked": guide.n_asked if guide.is_asked else 0, "n_redone": guide.n_redone,
+        "said": guide.said, "asked": guide.n_asked if guide.is_asked else 0,
+        "wants_number": guide.is_asked and guide.wants_number, "n_redone": guide.n_redone,
         "n_done": len(guide.done), "n_total": len(guide.items), "set_aside": list(guide.set_aside),
         "touches": [[*_place_mm(one), int(i in guide.done)] for one, i in places],
         "target": _place_mm(item) if hasattr(item, "x_m") else None,

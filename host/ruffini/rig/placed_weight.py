@@ -2,14 +2,37 @@
 
 from __future__ import annotations
 
+import re
+
 from ruffini import host_clock
 from ruffini.errors import InputError
 from ruffini.rig.reference import Facts, Reading, pressing
 from ruffini.rig.units import GRAVITY_M_S2
 
 MAX_GRAMS = 20000.0
+GRAMS = re.compile(r"\s*(\d{1,5}(?:[.,]\d{1,4})?)\s*g?\s*", re.ASCII)
+MAX_SHOWN = 20  # characters of what was typed
 PAUSE_S = 0.05
 RATE_HZ = 0.5 / PAUSE_S  # stated: a busy computer, or a twin's clock of 10 Hz, keeps no more
+
+
+def grams_of(text: str) -> float:
+    """Grams as a person types them, with a decimal point or a decimal comma.
+
+    Raises
+    ------
+    InputError
+        It is no weight.
+
+    Examples
+    --------
+    >>> grams_of("203,5 g")
+    203.5
+    """
+    found = GRAMS.fullmatch(text)
+    if found is None:
+        raise InputError(f"{text[:MAX_SHOWN]!r} is no weight in grams: type what the scale shows, such as 203 or 203.5")
+    return float(found[1].replace(",", "."))
 
 
 class PlacedWeight:

@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
-from ruffini.rig.log_file import TouchRecord
+from ruffini.rig.log_file import ACTIVITY, TouchRecord
 
 HOLD_S = 0.5  # of a touch, at least
 BORDER = 0.25  # of the window's half side stays untouched: there the camera sees a part of the dent only
-PROGRAMS = ("grid", "balls", "weights", "free", "conditions")
+PROGRAMS = ("grid", "balls", "weights", "scale", "free", "conditions")
 INDENTERS = "indenters"  # of `cal auto`: a plan of its own
 BY_STAGE = ("grid", "balls", INDENTERS)
 NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -27,6 +27,8 @@ CONDITIONS = (
 )  # fmt: skip
 MIN_COSINE = 0.8  # between the load that was asked for and the one that came
 MIN_PART = 0.4  # of the load that was asked for
+SCALE = "scale"
+MAX_CHANGE = 0.15  # of a press that a person holds while the scale is read
 
 
 class Touch(NamedTuple):
@@ -104,6 +106,34 @@ class Weight(NamedTuple):
         return []
 
 
+class ScalePress(NamedTuple):
+    """A press by hand on a sensor that lies on a scale, held while the person types what the scale shows."""
+
+    x_m: float
+    y_m: float
+    grams: float
+
+    @property
+    def kind(self) -> str:
+        return SCALE
+
+    def told(self) -> str:
+        return f"press at {_mm(self.x_m, self.y_m)} until the scale shows about {self.grams:g} g"
+
+    def faults(self, record: TouchRecord) -> list[str]:
+        """The press changed between the typed reading and its end, as far as the markers or the force show it."""
+        arrays, facts = record.arrays, record.facts
+        seen = arrays.get(ACTIVITY)
+        if seen is None:
+            seen = np.linalg.norm(np.nan_to_num(arrays["stream_wrench"][:, :3]), axis=1)
+        host_s = arrays["stream_host_s"]
+        held = seen[(host_s > facts["held_host_s"]) & (host_s < facts["lifted_host_s"])]
+        if not len(held) or not held.mean():
+            return []
+        change = float(np.ptp(held) / held.mean())
+        return [f"the press changed by {100 * change:.0f} % while it was held"] if change > MAX_CHANGE else []
+
+
 class HandTouch(NamedTuple):
     """A press by hand, as hard as is said."""
 
@@ -162,7 +192,7 @@ class Condition(NamedTuple):
         return [f"only {100 * weak:.0f} % of the load that was asked for"] if weak < MIN_PART else []
 
 
-Item = Touch | Indent | Weight | HandTouch | Condition
+Item = Touch | Indent | Weight | ScalePress | HandTouch | Condition
 
 
 def _mm(x_m: float, y_m: float) -> str:
@@ -210,7 +240,8 @@ def plan(program: str, span: Span, n: int, seed: int, by_hand: ByHand = ByHand()
     """The touches of a program.
 
     `grid`: places in rows and columns, at each a depth and a shear of their own. `balls`: places and depths spread
-    over the pad, without shear. `weights`: each weight in turn, the places spread. `free`: places and forces spread.
+    over the pad, without shear. `weights`, `scale`: each weight in turn, the places spread. `free`: places and forces
+    spread.
     `conditions`: the F-TOUCH paper's 17 (the twist both ways), again and again, until there are n.
 
     Raises
@@ -230,10 +261,11 @@ def plan(program: str, span: Span, n: int, seed: int, by_hand: ByHand = ByHand()
     if program == "grid":
         return list(_grid(span, n, rng))
     balls = _balls(span, n, rng)
-    if program == "weights":
+    if program in ("weights", SCALE):
         if not by_hand.grams or min(by_hand.grams) <= 0:
-            raise InputError("program 'weights' needs weights: give --grams, e.g. 20,50,100")
-        return [Weight(b.x_m, b.y_m, by_hand.grams[i % len(by_hand.grams)]) for i, b in enumerate(balls)]
+            raise InputError(f"program {program!r} needs weights: give --grams, e.g. 20,50,100")
+        kind = Weight if program == "weights" else ScalePress
+        return [kind(b.x_m, b.y_m, by_hand.grams[i % len(by_hand.grams)]) for i, b in enumerate(balls)]
     if program == "free":
         return [HandTouch(b.x_m, b.y_m, by_hand.force_n * b.depth_m / span.deepest_m) for b in balls]
     return list(balls)

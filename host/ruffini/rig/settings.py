@@ -53,6 +53,10 @@ Mm = Annotated[float, Field(ge=-2000, le=2000)]
 Axes = Annotated[list[Annotated[str, Field(pattern="^[+-][xyz]$")]], Field(min_length=3, max_length=3)]
 
 
+SCALE_SIGMA_G = 2.0  # its last digit, and how much a hand changes while it is read
+SCALE_MAX_N = 10.0  # by hand
+
+
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -204,6 +208,12 @@ class RigSettings(_Section):
     limits: LimitSettings
     stage: StageSettings | None = None
     tip: TipSettings | None = None
+
+
+def scale_rig() -> RigSettings:
+    """A kitchen scale that a person reads: no file is needed."""
+    reference, limits = WeightSettings(kind="weight", sigma_g=SCALE_SIGMA_G), LimitSettings(max_force_n=SCALE_MAX_N)
+    return RigSettings.model_validate({"schema": 1, "reference": reference, "limits": limits})
 
 
 def load_rig(path: Path) -> RigSettings:

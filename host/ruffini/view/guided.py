@@ -80,13 +80,13 @@ class GuidingPage:
     def _state(self) -> dict[str, Any]:
         return {"program": self._program, **told(self.guide, self._bench), "end": self._end}
 
-    def _hear(self, word: str, number: int) -> None:
+    def _hear(self, word: str, number: int, typed: str) -> None:
         """An answer to a question of before, or a second one to this, is none."""
         if word == "stop":
             self.keys.press(is_stop=True)
         elif self.guide.is_asked and number == self.guide.n_asked:
             self.guide.is_asked = False
-            self.keys.press(is_stop=False)
+            self.keys.press(is_stop=False, typed=typed if self.guide.wants_number else "")
 
 
 @contextlib.contextmanager

@@ -28,11 +28,11 @@ class LentLine(Line):
     Parameters
     ----------
     tell : what the owner is at now, as JSON takes it; called in the server's thread.
-    hear : what a page answers ("done" or "stop"), and to which question.
+    hear : what a page answers ("done" or "stop"), to which question, and what was typed.
     """
 
     def __init__(
-        self, sensor: Connection, tell: Callable[[], dict[str, Any]], hear: Callable[[str, int], None]
+        self, sensor: Connection, tell: Callable[[], dict[str, Any]], hear: Callable[[str, int, str], None]
     ) -> None:
         super().__init__(sensor.port, sensor.schema)
         self._sensor, self._tell_state, self._hear = sensor, tell, hear
@@ -76,8 +76,9 @@ class LentLine(Line):
 
     def hear(self, told: dict[str, Any]) -> None:
         word, number = told["guide"], told.get("asked", 0)
-        if word in ("done", "stop") and isinstance(number, int):
-            self._hear(word, number)
+        typed = told.get("typed", "")
+        if word in ("done", "stop") and isinstance(number, int) and isinstance(typed, str):
+            self._hear(word, number, typed)
 
     async def send(self, box: Outbox, frame: Frame) -> None:
         name = self._schema.type_name(frame.type)

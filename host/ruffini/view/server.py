@@ -4,8 +4,8 @@ A WebSocket carries the device's frames as they are in proto/README.md, in binar
 back alike. Text messages are JSON of the server's own: {"kind": "line"} says whether the line is open,
 {"kind": "health"} what came over it, {"kind": "guide"} what a collection is at that has the page beside it
 (rig/guide.py). The page answers each binary message with {"seen": n}, its number, and a collection's question of
-number n with {"guide": "done", "asked": n}, or "stop" at any time. No more than two binary messages are on their way
-at a time: what is newer than those waits here, and the newest replaces what is older.
+number n with {"guide": "done", "asked": n, "typed": "203"}, or "stop" at any time. No more than two binary messages are
+on their way at a time: what is newer than those waits here, and the newest replaces what is older.
 """
 
 from __future__ import annotations

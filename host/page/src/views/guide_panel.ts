@@ -15,6 +15,8 @@ export class GuidePanel {
   readonly element = make("section", { class: "guide", "aria-label": "Calibration" });
   private readonly program = make("h2");
   private readonly said = make("p", { class: "said", role: "status", "aria-live": "assertive" });
+  private readonly typed = make("input", { type: "text", inputmode: "decimal", maxlength: "20", size: "8", autocomplete: "off", "aria-label": "What the scale shows, in grams" });
+  private readonly unit = make("label", { class: "typed" }, this.typed, "g");
   private readonly done: HTMLButtonElement;
   private readonly stop: HTMLButtonElement;
   private readonly pad = make("canvas", { class: "pad", role: "img" });
@@ -31,15 +33,17 @@ export class GuidePanel {
   private isOver = false;
   latest: Guide | undefined;
 
-  /** `answer` gets "done" or "stop". */
-  constructor(answer: (word: "done" | "stop") => void) {
-    this.done = button("Done", "Enter", "it is as it was asked for", () => this.latest?.asked && answer("done"));
-    this.stop = button("Stop", "X", "end here; what was collected is kept", () => !this.isOver && answer("stop"));
+  private asked = 0;
+
+  /** `answer` gets "done" or "stop", and what was typed. */
+  constructor(answer: (word: "done" | "stop", typed: string) => void) {
+    this.done = button("Done", "Enter", "it is as it was asked for", () => this.latest?.asked && answer("done", this.typed.value));
+    this.stop = button("Stop", "X", "end here; what was collected is kept", () => !this.isOver && answer("stop", ""));
     this.stop.classList.add("stop");
     const quality = make("table", {}, make("caption", {}, "Right now"), this.quality);
     this.element.append(
       make("header", {}, this.program, this.counts, this.touches, this.stop),
-      make("div", { class: "ask" }, this.said, this.done, this.end),
+      make("div", { class: "ask" }, this.said, this.unit, this.done, this.end),
       make(
         "div",
         { class: "columns" },
@@ -61,6 +65,7 @@ export class GuidePanel {
     say(this.said, guide.end ? (guide.end.isOk ? "Complete." : "It has ended.") : guide.said);
     this.done.hidden = !guide.asked || this.isOver;
     this.stop.hidden = this.isOver;
+    this.showTyped(guide);
     say(this.end, guide.end ? `${guide.end.text.replace(/\.?$/, ".")} ${guide.end.next}` : "");
     this.end.classList.toggle("bad", guide.end?.isOk === false);
     this.showCounts(guide);
@@ -75,6 +80,15 @@ export class GuidePanel {
     }
     this.setAsideTitle.hidden = !aside;
     this.drawPad(guide, info);
+  }
+
+  /** Empty and ready to be typed into at each new question. */
+  private showTyped({ asked, wantsNumber }: Guide): void {
+    this.unit.hidden = !wantsNumber || this.isOver;
+    if (this.unit.hidden || asked === this.asked) return;
+    this.asked = asked;
+    this.typed.value = "";
+    this.typed.focus();
   }
 
   private showCounts({ nDone, nTotal, nRedone, touches }: Guide): void {
