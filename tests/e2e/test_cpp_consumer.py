@@ -196,7 +196,9 @@ def test_it_does_not_go_on_with_another_sensor(tmp_path: Path) -> None:
     port = tmp_path / "line"
     with Device(lambda _, stamp: {"WRENCH": wrench(stamp)}, serial="one", rate_hz=30) as one:
         port.symlink_to(one.port)
-        example = subprocess.Popen([program(), port], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        example = subprocess.Popen(
+            [str(program()), str(port)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
         assert one.subscribed.wait(HANG_S)
     port.unlink()
     with Device(lambda _, stamp: {"WRENCH": wrench(stamp)}, serial="other") as other:
