@@ -44,7 +44,8 @@ class Said {
       put(s.n_x);
       put(s.n_y);
       for (const double v : {s.grid_origin_m[0], s.grid_origin_m[1], s.grid_step_m[0], s.grid_step_m[1]}) put(v);
-      put(s.is_calibrated ? 1 : 0);
+      for (const bool is_so : {s.is_calibrated, s.has_development_key, s.is_on_trial}) put(is_so ? 1 : 0);
+      for (const char letter : s.calibration_summary) put(static_cast<double>(letter));
     }
   }
   void operator()(const client::Status& s) {
@@ -59,7 +60,7 @@ class Said {
   void operator()(const client::Wrench& w) {
     put(w.stamp);
     for (const auto& m : w.force_n) put(m);
-    for (const auto& m : w.torque_nm) put(m);
+    for (const auto& m : w.torque_n_m) put(m);
     if (!w.covariance) return;
     for (const auto& row : *w.covariance) {
       for (const double v : row) put(v);
@@ -71,7 +72,7 @@ class Said {
     put(f.displacement_step_m);
     put(static_cast<double>(f.sigma_validity));
     for (const client::Validity v : f.validity) put(static_cast<double>(v));
-    for (const client::Grid* grid : {&f.force, &f.displacement, &f.slip, &f.sigma}) put(*grid);
+    for (const client::Grid* grid : {&f.force_steps, &f.displacement_steps, &f.slip, &f.sigma_steps}) put(*grid);
   }
   void operator()(const client::Depth& d) {
     put(d.stamp);
@@ -79,16 +80,16 @@ class Said {
     put(d.step_px);
     put(d.sigma_m);
     put(static_cast<double>(d.validity));
-    put(d.depth);
+    put(d.depth_steps);
   }
   void operator()(const client::Residual& r) {
     put(r.stamp);
     put(r.step);
     put(static_cast<double>(r.validity));
-    if (r.residual.n_nodes() > 0) {
-      for (const double sigma : r.sigmas(0)) put(sigma);
+    if (r.residual_steps.n_nodes() > 0) {
+      for (const double sigma : r.sigmas_at(0)) put(sigma);
     }
-    put(r.residual);
+    put(r.residual_steps);
   }
   void operator()(const client::Contacts& c) {
     put(c.stamp);
@@ -132,7 +133,7 @@ class Said {
     put(static_cast<double>(m.depth_validity));
     for (const double v : {m.stiffness_pa_per_m, m.shore_a, m.shore_a_sigma}) put(v);
     put(static_cast<double>(m.hardness_validity));
-    for (const double v : {m.mean_flow_m, m.moment_by_flow_nm}) put(v);
+    for (const double v : {m.mean_flow_m, m.moment_by_flow_n_m}) put(v);
   }
   void operator()(const client::Markers& m) {
     put(m.stamp);

@@ -30,18 +30,18 @@ void check(const client::Packet& packet) {
   if (const auto* w = std::get_if<client::Wrench>(&packet.message)) {
     for (size_t i = 0; i < 3; ++i) {
       check(w->force_n[i]);
-      check(w->torque_nm[i]);
+      check(w->torque_n_m[i]);
     }
   }
-  if (const auto* d = std::get_if<client::Depth>(&packet.message)) check(d->depth, 1);
+  if (const auto* d = std::get_if<client::Depth>(&packet.message)) check(d->depth_steps, 1);
   if (const auto* c = std::get_if<client::Contacts>(&packet.message)) expect(c->contacts.size() <= 64);
   if (const auto* f = std::get_if<client::Field>(&packet.message)) {
-    for (const client::Grid* grid : {&f->force, &f->displacement, &f->sigma}) check(*grid, 3);
+    for (const client::Grid* grid : {&f->force_steps, &f->displacement_steps, &f->sigma_steps}) check(*grid, 3);
     check(f->slip, 1);
-    for (size_t node = 0; node < std::min<size_t>(f->force.n_nodes(), 64); ++node) {
-      expect(std::isnan(f->force_n(node)[0]) == (f->validity[0] != client::Validity::kValid));
-      (void)f->displacement_m(node);
-      (void)f->sigma_n(node);
+    for (size_t node = 0; node < std::min<size_t>(f->force_steps.n_nodes(), 64); ++node) {
+      expect(std::isnan(f->force_n_at(node)[0]) == (f->validity[0] != client::Validity::kValid));
+      (void)f->displacement_m_at(node);
+      (void)f->sigma_n_at(node);
     }
   }
 }

@@ -1,16 +1,20 @@
-// Prints the force on the pad as it comes: ruffini_newtons PORT [NUMBER OF FRAMES]
+// Prints force and contacts as they arrive, and reconnects: ruffini_newtons PORT [NUMBER OF FRAMES]
 #include <fcntl.h>
 #include <poll.h>
 #include <ruffini/client.h>
 #include <termios.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <random>
 #include <string>
+#include <thread>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -19,9 +23,32 @@ namespace client = ruffini::client;
 
 namespace {
 
-constexpr int kReplyMs = 500, kTries = 6, kSilenceMs = 5'000;
+constexpr int kTries = 6;
+constexpr double kReplyS = 0.5, kTimeS = 1.0;     // until a question is repeated; between two exchanges of time
+constexpr double kSilenceS = 3.0;                 // STATUS comes once a second: without a packet the line is dead
+constexpr double kNoFrameS = 5.0, kAwayS = 10.0;  // until the program gives up: the camera, the line
 
-// A serial port in raw mode.
+// Limits of this program. Yours follow from the robot's speed and from the force that does harm.
+constexpr double kMaxAgeS = 0.1, kMaxSigmaN = 0.05;
+
+// True if the forces along `axes` (0 x, 1 y, 2 z) may be used for control. `age_s`: since mid-exposure, with its error.
+bool is_usable(const client::Wrench& wrench, const std::vector<size_t>& axes, double age_s, bool is_line_unfit,
+               uint32_t health) {
+  constexpr uint32_t kOtherAxes = client::kFlagUncalibratedXy | client::kFlagUncalibratedZ;  // not VALID then
+  constexpr uint32_t kNotOfForces = client::kHealthDevelopmentKey | client::kHealthLinkDegraded |
+                                    client::kHealthNetwork | client::kHealthReflex | client::kHealthThrottled |
+                                    client::kHealthCrashed;
+  if (is_line_unfit || !(age_s <= kMaxAgeS) || !wrench.covariance) return false;
+  if ((wrench.stamp.flags & ~kOtherAxes) != 0 || (health & ~kNotOfForces) != 0) return false;
+  return std::all_of(axes.begin(), axes.end(), [&](size_t i) {
+    return wrench.force_n[i].validity == client::Validity::kValid &&
+           std::sqrt((*wrench.covariance)[i][i]) <= kMaxSigmaN;
+  });
+}
+
+double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+// A serial port in raw mode, and the packets that arrive on it.
 class Port {
  public:
   explicit Port(const char* path) : fd_(open(path, O_RDWR | O_NOCTTY)) {
@@ -38,6 +65,7 @@ class Port {
   }
 
   [[nodiscard]] bool is_open() const { return fd_ >= 0; }
+  [[nodiscard]] const client::Counters& counters() const { return decoder_.counters(); }
 
   [[nodiscard]] bool write_all(const client::Bytes& bytes) const {
     for (size_t at = 0; at < bytes.size();) {
@@ -51,14 +79,15 @@ class Port {
   enum class Read { kPacket, kNothing, kLineLost };
 
   // The next packet. One read may bring several packets: the rest stays for the next call.
-  Read next(client::Decoder& decoder, int timeout_ms, client::Packet& packet) {
+  Read next(double timeout_s, client::Packet& packet) {
+    const double end_s = now_s() + timeout_s;
     while (n_taken_ == packets_.size()) {
       pollfd wait{fd_, POLLIN, 0};
-      if (poll(&wait, 1, timeout_ms) == 0) return Read::kNothing;
+      if (poll(&wait, 1, static_cast<int>(1e3 * std::max(end_s - now_s(), 0.0))) == 0) return Read::kNothing;
       uint8_t bytes[4096];
       const ssize_t n = read(fd_, bytes, sizeof bytes);
       if (n <= 0) return Read::kLineLost;
-      packets_ = decoder.feed(bytes, static_cast<size_t>(n));
+      packets_ = decoder_.feed(bytes, static_cast<size_t>(n));
       n_taken_ = 0;
     }
     packet = std::move(packets_[n_taken_++]);
@@ -67,6 +96,7 @@ class Port {
 
  private:
   int fd_;
+  client::Decoder decoder_;
   std::vector<client::Packet> packets_;
   size_t n_taken_ = 0;
 };
@@ -74,30 +104,139 @@ class Port {
 // Sends the question until is_answer() accepts a packet; false if the line is lost or no answer comes. Other packets
 // that arrive before the answer are dropped.
 template <typename IsAnswer>
-bool ask(Port& port, client::Decoder& decoder, const client::Bytes& question, IsAnswer is_answer) {
+bool ask(Port& port, const client::Bytes& question, IsAnswer is_answer) {
   client::Packet packet;
   for (int i = 0; i < kTries; ++i) {
     if (!port.write_all(question)) return false;
-    for (int packets = 0; packets < 256; ++packets) {  // telemetry may come in between
-      const auto read = port.next(decoder, kReplyMs, packet);
+    const double end_s = now_s() + kReplyS;
+    while (now_s() < end_s) {  // telemetry may come in between
+      const auto read = port.next(end_s - now_s(), packet);
       if (read == Port::Read::kLineLost) return false;
-      if (read == Port::Read::kNothing) break;
-      if (is_answer(packet.message)) return true;
+      if (read == Port::Read::kPacket && is_answer(packet.message)) return true;
     }
   }
   return false;
 }
 
-void print(const client::Packet& packet, const client::Wrench& wrench) {
-  const auto& f = wrench.force_n;  // NaN where it is not valid
-  std::printf("frame %llu  fx %+.3f  fy %+.3f  fz %+.3f N", static_cast<unsigned long long>(wrench.stamp.frame),
-              f[0].value, f[1].value, f[2].value);
-  if (wrench.stamp.flags != 0) std::printf("  flags %u", wrench.stamp.flags);
-  std::printf("%s\n", packet.is_simulated ? "  SIMULATED" : "");
-}
+// Prints the results of one sensor. All but the port outlives a reconnection.
+class Printer {
+ public:
+  Printer(const char* path, long n_frames) : path_(path), n_left_(n_frames) {}
 
-int fail(const char* port, const char* what) {
-  std::fprintf(stderr, "%s: %s\n", port, what);
+  [[nodiscard]] bool is_done() const { return n_left_ == 0; }
+  [[nodiscard]] bool was_connected() const { return !hello_.sensors.empty() || !hello_.device_serial.empty(); }
+
+  // HELLO, then SUBSCRIBE. Returns the problem; empty: none.
+  std::string connect(Port& port) {
+    if (!port.is_open()) return std::strerror(errno);
+    client::Hello hello;
+    const bool is_there = ask(port, encoder_.ask_hello(), [&](const client::Message& message) {
+      const auto* answer = std::get_if<client::Hello>(&message);
+      if (answer != nullptr) hello = *answer;
+      return answer != nullptr;
+    });
+    if (!is_there) return "nothing answers HELLO: is ruffinid running, and is it this port?";
+    if (was_connected() && hello.device_serial != hello_.device_serial) return "another sensor: " + hello.device_serial;
+    hello_ = hello;
+    for (const auto& sensor : hello.sensors) {
+      std::fprintf(stderr, "%s: %s %s, %s%s\n", path_, sensor.product.c_str(), hello.device_serial.c_str(),
+                   sensor.is_calibrated ? "calibrated" : "no calibration: forces are NaN",
+                   sensor.is_on_trial ? ", on trial" : "");
+    }
+    std::string refusal;
+    const client::Bytes wish =
+        encoder_.subscribe({{client::Type::kWrench, 1}, {client::Type::kContacts, 1}, {client::Type::kStatus, 1}});
+    const bool is_subscribed = ask(port, wish, [&](const client::Message& message) {
+      const auto* reply = std::get_if<client::Reply>(&message);
+      if (reply == nullptr || reply->request_id != encoder_.request_id()) return false;
+      if (reply->code != client::kReplyOk) refusal = reply->text;
+      return true;
+    });
+    return is_subscribed ? refusal : "no reply";
+  }
+
+  // Prints until the line is lost, or all frames have come. Returns the problem that a reconnection cannot mend.
+  std::string print_all(Port& port) {
+    clock_error_s_ = client::kNaN;  // another session may have another clock
+    health_ = ~0U;                  // unknown until STATUS
+    double frame_s = now_s(), time_s = 0.0;
+    while (!is_done()) {
+      if (now_s() - time_s >= kTimeS) {
+        time_s = asked_s_ = now_s();
+        if (!port.write_all(encoder_.ask_time(++token_))) return "";
+      }
+      client::Packet packet;
+      const auto read = port.next(kSilenceS, packet);
+      if (damage_.update(port.counters().damaged(), now_s())) {
+        std::fprintf(stderr, "%s: two frames damaged within six minutes: not for control until the cable is mended\n",
+                     path_);
+      }
+      if (read != Port::Read::kPacket) return "";
+      if (print(packet)) frame_s = now_s();
+      if (now_s() - frame_s > kNoFrameS) return "no new frame for five seconds: see the camera's cable";
+    }
+    const auto& n = port.counters();
+    std::fprintf(stderr, "%llu damaged frames, %llu messages lost\n", static_cast<unsigned long long>(n.damaged()),
+                 static_cast<unsigned long long>(n.lost));
+    return "";
+  }
+
+ private:
+  // True for a new frame's WRENCH. While the camera delivers nothing, the last one is repeated with kFlagStale.
+  bool print(const client::Packet& packet) {
+    const char* simulated = packet.is_simulated ? "  SIMULATED" : "";
+    if (const auto* time = std::get_if<client::Time>(&packet.message); time != nullptr && time->token == token_) {
+      const double answered_s = now_s();
+      const double received_s = 1e-6 * static_cast<double>(time->received_us);
+      const double sent_s = 1e-6 * static_cast<double>(time->sent_us);
+      host_minus_device_s_ = (asked_s_ + answered_s - received_s - sent_s) / 2;
+      clock_error_s_ = (answered_s - asked_s_ - (sent_s - received_s)) / 2;
+    }
+    if (const auto* event = std::get_if<client::Event>(&packet.message)) {
+      std::fprintf(stderr, "%s: %s: %s\n", path_, event->what.c_str(), event->text.c_str());
+    }
+    if (const auto* status = std::get_if<client::Status>(&packet.message)) {
+      if (status->health != health_) std::fprintf(stderr, "%s: health %u\n", path_, status->health);
+      health_ = status->health;
+    }
+    if (const auto* contacts = std::get_if<client::Contacts>(&packet.message)) {
+      for (const auto& contact : contacts->contacts) {
+        std::printf("frame %llu  contact %u at %+.1f %+.1f mm  fz %+.3f N%s\n", number(contacts->stamp), contact.id,
+                    1e3 * contact.center_m[0], 1e3 * contact.center_m[1], contact.force_n[2].value, simulated);
+      }
+    }
+    const auto* wrench = std::get_if<client::Wrench>(&packet.message);
+    if (wrench == nullptr) return false;
+    const auto& f = wrench->force_n;  // NaN where it is not VALID
+    std::printf("frame %llu  fx %+.3f  fy %+.3f  fz %+.3f N", number(wrench->stamp), f[0].value, f[1].value,
+                f[2].value);
+    if (wrench->covariance) std::printf("  sigma of fz %.3f N", std::sqrt((*wrench->covariance)[2][2]));
+    if (wrench->stamp.flags != 0) std::printf("  flags %u", wrench->stamp.flags);
+    const double captured_s = 1e-6 * static_cast<double>(wrench->stamp.capture_us) + host_minus_device_s_;
+    const double age_s = now_s() - captured_s + clock_error_s_;
+    const bool is_for_control = is_usable(*wrench, {2}, age_s, damage_.is_unfit(now_s()), health_);
+    std::printf("%s%s\n", is_for_control ? "  usable" : "  not for control", simulated);
+    std::fflush(stdout);
+    if ((wrench->stamp.flags & client::kFlagStale) != 0) return false;
+    if (n_left_ > 0) --n_left_;
+    return true;
+  }
+
+  static unsigned long long number(const client::Stamp& stamp) { return stamp.frame; }
+
+  const char* path_;
+  long n_left_;  // negative: no limit
+  client::Encoder encoder_{std::random_device{}() | 1U};
+  client::DamageWatch damage_;
+  client::Hello hello_;
+  uint32_t health_ = ~0U;
+  uint64_t token_ = 0;
+  double asked_s_ = 0.0, host_minus_device_s_ = 0.0;
+  double clock_error_s_ = client::kNaN;  // NaN: the age of a frame is not known yet
+};
+
+int fail(const char* port, const std::string& what) {
+  std::fprintf(stderr, "%s: %s\n", port, what.c_str());
   return 3;
 }
 
@@ -108,47 +247,21 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "usage: ruffini_newtons PORT [NUMBER OF FRAMES]\n");
     return 2;
   }
-  Port port(argv[1]);
-  if (!port.is_open()) return fail(argv[1], std::strerror(errno));
-  client::Decoder decoder;
-  client::Encoder encoder(std::random_device{}() | 1U);
-
-  client::Hello hello;
-  const bool is_there = ask(port, decoder, encoder.hello(), [&](const client::Message& message) {
-    const auto* said = std::get_if<client::Hello>(&message);
-    if (said != nullptr) hello = *said;
-    return said != nullptr;
-  });
-  if (!is_there) return fail(argv[1], "nothing answers HELLO: is ruffinid running, and is it this port?");
-  for (const auto& sensor : hello.sensors) {
-    std::fprintf(stderr, "%s: %s %s, %s\n", argv[1], sensor.product.c_str(), hello.device_serial.c_str(),
-                 sensor.is_calibrated ? "calibrated" : "no calibration: forces are NaN");
+  Printer printer(argv[1], argc > 2 ? std::strtol(argv[2], nullptr, 10) : -1);
+  double connected_s = 0.0;
+  while (!printer.is_done()) {
+    Port port(argv[1]);  // by /dev/ruffini/SERIAL it is found again on any socket
+    std::string problem = printer.connect(port);
+    if (problem.empty()) {
+      problem = printer.print_all(port);
+      if (!problem.empty()) return fail(argv[1], problem);
+      if (!printer.is_done()) std::fprintf(stderr, "%s: the line was lost\n", argv[1]);
+      connected_s = now_s();
+    } else if (!printer.was_connected() || now_s() - connected_s > kAwayS) {
+      return fail(argv[1], problem);
+    } else {
+      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    }
   }
-
-  std::string refusal;
-  const client::Bytes wish = encoder.subscribe({{client::Type::kWrench, 1}});
-  const bool is_subscribed = ask(port, decoder, wish, [&](const client::Message& message) {
-    const auto* reply = std::get_if<client::Reply>(&message);
-    if (reply == nullptr || reply->request_id != encoder.request_id()) return false;
-    if (reply->code != 0) refusal = reply->text;
-    return true;
-  });
-  if (!is_subscribed || !refusal.empty()) return fail(argv[1], refusal.empty() ? "no reply" : refusal.c_str());
-
-  long n_left = argc > 2 ? std::strtol(argv[2], nullptr, 10) : -1;
-  while (n_left != 0) {
-    client::Packet packet;
-    const auto read = port.next(decoder, kSilenceMs, packet);
-    if (read == Port::Read::kLineLost) return fail(argv[1], "the line was lost");
-    if (read == Port::Read::kNothing) return fail(argv[1], "no frame for five seconds: does the camera stand still?");
-    const auto* wrench = std::get_if<client::Wrench>(&packet.message);
-    if (wrench == nullptr) continue;
-    print(packet, *wrench);
-    --n_left;
-  }
-  const auto& n = decoder.counters();
-  std::fprintf(stderr, "%llu damaged frames, %llu messages lost\n",
-               static_cast<unsigned long long>(n.bad_crc + n.malformed + n.oversize),
-               static_cast<unsigned long long>(n.lost));
   return 0;
 }

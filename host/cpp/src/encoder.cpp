@@ -24,16 +24,16 @@ void put_message(Bytes& out, uint32_t field, const Bytes& message) {
 
 }  // namespace
 
-Bytes Encoder::hello() {
+Bytes Encoder::ask_hello() {
   Bytes out = {0};
   const Bytes said = frame(Type::kHello, {}, kDevice);
   out.insert(out.end(), said.begin(), said.end());
   return out;
 }
 
-Bytes Encoder::status() { return frame(Type::kStatus, {}, kDevice); }
+Bytes Encoder::ask_status() { return frame(Type::kStatus, {}, kDevice); }
 
-Bytes Encoder::time(uint64_t token) {
+Bytes Encoder::ask_time(uint64_t token) {
   Bytes payload;
   put_number(payload, 1, token);
   return frame(Type::kTime, payload, kDevice);

@@ -63,7 +63,7 @@ bool read(Reader r, Wrench& out) {
   if (!r.ok() || (!validity.empty() && validity.size() != 6)) return false;
   validity.resize(6);  // none sent: not measured
   for (size_t i = 0; i < 6; ++i) {
-    (i < 3 ? out.force_n[i] : out.torque_nm[i - 3]) = measured(sent[i], validity_of(validity[i], out.stamp.flags));
+    (i < 3 ? out.force_n[i] : out.torque_n_m[i - 3]) = measured(sent[i], validity_of(validity[i], out.stamp.flags));
   }
   if (covariance.size() == 21 && validity_of(covariance_validity, out.stamp.flags) == Validity::kValid) {
     out.covariance = covariance_of(covariance);
@@ -79,12 +79,12 @@ bool read(Reader r, Field& out) {
     const uint32_t n = r.number();
     if (n == 1) is_good = read(r.message(), out.stamp);
     if (n == 2) out.force_step_n = r.u32() * kMicro;
-    if (n == 3) is_good = read_grid(r.message(), out.force);
+    if (n == 3) is_good = read_grid(r.message(), out.force_steps);
     if (n == 4) out.displacement_step_m = r.u32() * kNano;
-    if (n == 5) is_good = read_grid(r.message(), out.displacement);
+    if (n == 5) is_good = read_grid(r.message(), out.displacement_steps);
     if (n == 6) r.repeated(validity, 3);
     if (n == 7) is_good = read_grid(r.message(), out.slip);
-    if (n == 8) is_good = read_grid(r.message(), out.sigma);
+    if (n == 8) is_good = read_grid(r.message(), out.sigma_steps);
     if (n == 9) sigma_validity = r.u64();
   }
   if (!is_good || !r.ok() || (!validity.empty() && validity.size() != 3)) return false;
@@ -92,9 +92,9 @@ bool read(Reader r, Field& out) {
   out.sigma_validity = validity_of(sigma_validity, out.stamp.flags);
   const auto fits = [&](const Grid& grid, uint32_t n_components) {
     return grid.values.empty() ||
-           (grid.n_x == out.force.n_x && grid.n_y == out.force.n_y && grid.n_components == n_components);
+           (grid.n_x == out.force_steps.n_x && grid.n_y == out.force_steps.n_y && grid.n_components == n_components);
   };
-  return fits(out.force, 3) && fits(out.displacement, 3) && fits(out.sigma, 3) && fits(out.slip, 1);
+  return fits(out.force_steps, 3) && fits(out.displacement_steps, 3) && fits(out.sigma_steps, 3) && fits(out.slip, 1);
 }
 
 bool read(Reader r, Depth& out) {
@@ -105,12 +105,12 @@ bool read(Reader r, Depth& out) {
     if (n == 1) is_good = read(r.message(), out.stamp);
     if (n == 2) out.step_m = r.u32() * kNano;
     if (n == 3) out.step_px = r.u32();
-    if (n == 4) is_good = read_grid(r.message(), out.depth);
+    if (n == 4) is_good = read_grid(r.message(), out.depth_steps);
     if (n == 5) validity = r.u64();
     if (n == 6) out.sigma_m = r.u32() * kMicro;
   }
   out.validity = validity_of(validity, out.stamp.flags);
-  return is_good && r.ok() && (out.depth.values.empty() || out.depth.n_components == 1);
+  return is_good && r.ok() && (out.depth_steps.values.empty() || out.depth_steps.n_components == 1);
 }
 
 bool read(Reader r, Residual& out) {
@@ -120,11 +120,11 @@ bool read(Reader r, Residual& out) {
     const uint32_t n = r.number();
     if (n == 1) is_good = read(r.message(), out.stamp);
     if (n == 2) out.step = r.u32() * kMicro;
-    if (n == 3) is_good = read_grid(r.message(), out.residual);
+    if (n == 3) is_good = read_grid(r.message(), out.residual_steps);
     if (n == 4) validity = r.u64();
   }
-  if (!out.residual.values.empty()) out.validity = validity_of(validity, out.stamp.flags);
-  return is_good && r.ok() && (out.residual.values.empty() || out.residual.n_components == 3);
+  if (!out.residual_steps.values.empty()) out.validity = validity_of(validity, out.stamp.flags);
+  return is_good && r.ok() && (out.residual_steps.values.empty() || out.residual_steps.n_components == 3);
 }
 
 using Raw = std::vector<uint64_t>;  // raw values of a repeated field
@@ -254,7 +254,7 @@ bool read(Reader r, RawModel& out) {
     if (n == 10) m.shore_a_sigma = r.u32() * kTenth;
     if (n == 11) out.hardness_validity = r.u32();
     if (n == 12) m.mean_flow_m = r.u32() * kMicro;
-    if (n == 13) m.moment_by_flow_nm = static_cast<double>(r.u64()) * kNano;
+    if (n == 13) m.moment_by_flow_n_m = static_cast<double>(r.u64()) * kNano;
   }
   return r.ok();
 }
@@ -423,7 +423,11 @@ bool read(Reader r, SensorInfo& out) {
     if (n == 15) {
       Reader calibration = r.message();
       while (calibration.next()) {
-        if (calibration.number() == 1) out.is_calibrated = calibration.u64() != 0;
+        const uint32_t part = calibration.number();
+        if (part == 1) out.is_calibrated = calibration.u64() != 0;
+        if (part == 5) out.has_development_key = calibration.u64() != 0;
+        if (part == 7) out.calibration_summary = calibration.text();
+        if (part == 8) out.is_on_trial = calibration.u64() != 0;
       }
       if (!calibration.ok()) return false;
     }
@@ -517,25 +521,27 @@ std::array<double, 3> of_node(const Grid& grid, size_t node, double step, const 
 
 }  // namespace
 
-std::array<double, 3> Field::force_n(size_t node) const { return of_node(force, node, force_step_n, validity); }
-
-std::array<double, 3> Field::displacement_m(size_t node) const {
-  return of_node(displacement, node, displacement_step_m, validity);
+std::array<double, 3> Field::force_n_at(size_t node) const {
+  return of_node(force_steps, node, force_step_n, validity);
 }
 
-std::array<double, 3> Field::sigma_n(size_t node) const {
-  return of_node(sigma, node, force_step_n, {sigma_validity, sigma_validity, sigma_validity});
+std::array<double, 3> Field::displacement_m_at(size_t node) const {
+  return of_node(displacement_steps, node, displacement_step_m, validity);
 }
 
-double Depth::depth_m(size_t cell) const {
-  return validity == Validity::kValid && !depth.values.empty() ? step_m * depth.values[cell] : kNaN;
+std::array<double, 3> Field::sigma_n_at(size_t node) const {
+  return of_node(sigma_steps, node, force_step_n, {sigma_validity, sigma_validity, sigma_validity});
 }
 
-std::array<double, 3> Residual::sigmas(size_t node) const {
-  return of_node(residual, node, step, {validity, validity, validity});
+double Depth::depth_m_at(size_t cell) const {
+  return validity == Validity::kValid && !depth_steps.values.empty() ? step_m * depth_steps.values[cell] : kNaN;
 }
 
-std::array<double, 2> SensorInfo::position_m(size_t node) const {
+std::array<double, 3> Residual::sigmas_at(size_t node) const {
+  return of_node(residual_steps, node, step, {validity, validity, validity});
+}
+
+std::array<double, 2> SensorInfo::position_m_at(size_t node) const {
   const size_t width = std::max(n_x, 1U);
   return {grid_origin_m[0] + static_cast<double>(node % width) * grid_step_m[0],
           grid_origin_m[1] + static_cast<double>(node / width) * grid_step_m[1]};

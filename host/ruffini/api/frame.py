@@ -66,7 +66,7 @@ class SensorFrame:
 
     @property
     def is_valid(self) -> bool:
-        """True if every component of the wrench that this board measures is VALID."""
+        """True if every component of the wrench that this board measures is VALID; flags may still forbid its use."""
         wrench = self.wrench
         return wrench is not None and bool(measured := [v for v in wrench.validity if v]) and set(measured) == {VALID}
 

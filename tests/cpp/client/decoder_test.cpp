@@ -119,12 +119,30 @@ TEST(ClientDecoder, FindsItsFeetAfterNoise) {
   }
 }
 
+TEST(ClientDamageWatch, OneDamagedFrameInSixMinutesIsTolerated) {
+  DamageWatch watch;
+  for (uint64_t i = 0; i < 5; ++i) EXPECT_FALSE(watch.update(i + 1, 360.0 * static_cast<double>(i)));
+}
+
+TEST(ClientDamageWatch, ASecondOneMakesTheLineUnfitForSixMinutes) {
+  DamageWatch watch;
+  EXPECT_FALSE(watch.update(1, 100.0));
+  EXPECT_FALSE(watch.update(0, 200.0)) << "a new Decoder counts from 0";
+  EXPECT_FALSE(watch.is_unfit(300.0));
+  EXPECT_TRUE(watch.update(1, 459.0));
+  EXPECT_FALSE(watch.update(2, 459.5)) << "reported already";
+  EXPECT_TRUE(watch.is_unfit(818.0));
+  EXPECT_FALSE(watch.is_unfit(820.0));
+}
+
+TEST(ClientDamageWatch, TwoAtOnceAreEnough) { EXPECT_TRUE(DamageWatch().update(2, 0.0)); }
+
 // The firmware's decoder, which knows nothing of this encoder, hears what the golden bytes say.
 TEST(ClientEncoder, SaysWhatTheGoldenBytesSay) {
   Encoder encoder(0);
-  const Bytes hello = encoder.hello();
+  const Bytes hello = encoder.ask_hello();
   EXPECT_EQ(ruffini::test::to_hex(hello), "0005010101ff0101010102010105fdcbd27400");
-  EXPECT_EQ(ruffini::test::to_hex(encoder.status()), "06010103ff01010101020101056137aeae00");
+  EXPECT_EQ(ruffini::test::to_hex(encoder.ask_status()), "06010103ff01010101020101056137aeae00");
   const auto payload_of = [](const Bytes& bytes) {
     FrameDecoder decoder;
     for (size_t i = 0; i + 1 < bytes.size(); ++i) EXPECT_FALSE(decoder.push(bytes[i]));

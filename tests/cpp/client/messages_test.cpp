@@ -63,13 +63,13 @@ TEST(ClientMessages, WhatTheForcesDoNotExplain) {
   const Payload sent = golden("what the forces do not explain");
   const Packet p = packet(16, sent);
   const auto& r = std::get<Residual>(p.message);
-  ASSERT_EQ(r.residual.n_nodes(), 2U);
-  EXPECT_EQ(r.sigmas(0), (std::array<double, 3>{-1, 0.5, 0}));
-  EXPECT_EQ(r.sigmas(1), (std::array<double, 3>{8, -2, 0.25}));
+  ASSERT_EQ(r.residual_steps.n_nodes(), 2U);
+  EXPECT_EQ(r.sigmas_at(0), (std::array<double, 3>{-1, 0.5, 0}));
+  EXPECT_EQ(r.sigmas_at(1), (std::array<double, 3>{8, -2, 0.25}));
   Payload invalid = sent;
   invalid.back() = 3;
   const Packet wrong = packet(16, invalid);
-  EXPECT_TRUE(std::isnan(std::get<Residual>(wrong.message).sigmas(1)[0]));
+  EXPECT_TRUE(std::isnan(std::get<Residual>(wrong.message).sigmas_at(1)[0]));
   const Packet none = packet(16, {0x20, 1});  // VALID, and not one number
   EXPECT_EQ(std::get<Residual>(none.message).validity, Validity::kNotMeasured);
 }
@@ -89,7 +89,7 @@ TEST(ClientMessages, AnUnknownFlagOrValidityMakesANumberInvalid) {
   const Payload valid = {0x10, 7, 0x42, 6, 1, 1, 1, 1, 1, 9};  // force_x -4 uN, six validities, the last unknown
   auto w = std::get<Wrench>(packet(4, valid).message);
   EXPECT_DOUBLE_EQ(w.force_n[0].value, -4e-6);
-  EXPECT_EQ(w.torque_nm[2].validity, Validity::kInvalid);
+  EXPECT_EQ(w.torque_n_m[2].validity, Validity::kInvalid);
   Payload flagged = valid;  // Stamp after the values: flags 1 << 19
   const Payload stamp = {0x0A, 4, 0x18, 0x80, 0x80, 0x20};
   flagged.insert(flagged.end(), stamp.begin(), stamp.end());
@@ -103,11 +103,11 @@ TEST(ClientMessages, AnUnknownFlagOrValidityMakesANumberInvalid) {
 TEST(ClientMessages, AFieldAndHowSureItIs) {
   const Packet p = packet(5, golden("field and how sure it is"));
   const auto& f = std::get<Field>(p.message);
-  ASSERT_EQ(f.force.n_nodes(), 2U);
-  EXPECT_DOUBLE_EQ(f.force_n(0)[2], -3e-3);
-  EXPECT_DOUBLE_EQ(f.force_n(1)[0], 0.0);
-  EXPECT_DOUBLE_EQ(f.sigma_n(1)[2], 90e-6);
-  EXPECT_TRUE(std::isnan(f.displacement_m(0)[0]));  // not sent
+  ASSERT_EQ(f.force_steps.n_nodes(), 2U);
+  EXPECT_DOUBLE_EQ(f.force_n_at(0)[2], -3e-3);
+  EXPECT_DOUBLE_EQ(f.force_n_at(1)[0], 0.0);
+  EXPECT_DOUBLE_EQ(f.sigma_n_at(1)[2], 90e-6);
+  EXPECT_TRUE(std::isnan(f.displacement_m_at(0)[0]));  // not sent
   EXPECT_TRUE(f.slip.values.empty());
 }
 
@@ -202,7 +202,8 @@ TEST(ClientMessages, NodeValuesAreWhatTheGoldenBytesSay) {
     }
     ASSERT_TRUE(std::holds_alternative<Depth>(p.message)) << v[0];
     std::ostringstream said;
-    for (const int32_t value : std::get<Depth>(p.message).depth.values) said << (said.tellp() > 0 ? "," : "") << value;
+    for (const int32_t value : std::get<Depth>(p.message).depth_steps.values)
+      said << (said.tellp() > 0 ? "," : "") << value;
     EXPECT_EQ(said.str(), v[5]) << v[0];
     ++n_good;
   }
@@ -217,7 +218,7 @@ TEST(ClientMessages, SparseNodesOfThreeComponents) {
   field[0] = 0x1A;  // Field.force
   const Packet p = packet(5, field);
   ASSERT_TRUE(std::holds_alternative<Field>(p.message));
-  EXPECT_EQ(std::get<Field>(p.message).force.values, (std::vector<int32_t>{0, 0, 0, 0, 0, 0, 5, 0, -7, 0, 0, 0}));
+  EXPECT_EQ(std::get<Field>(p.message).force_steps.values, (std::vector<int32_t>{0, 0, 0, 0, 0, 0, 5, 0, -7, 0, 0, 0}));
 }
 
 TEST(ClientMessages, WhatIsNoMessageIsCounted) {
@@ -263,7 +264,7 @@ TEST(ClientMessages, WhoIsThere) {
   EXPECT_EQ(h.session_id, 9U);
   ASSERT_EQ(h.sensors.size(), 1U);
   EXPECT_TRUE(h.sensors[0].is_calibrated);
-  const auto at = h.sensors[0].position_m(4);  // second of the second row
+  const auto at = h.sensors[0].position_m_at(4);  // second of the second row
   EXPECT_DOUBLE_EQ(at[0], 0.0);
   EXPECT_DOUBLE_EQ(at[1], 4e-3);
 }

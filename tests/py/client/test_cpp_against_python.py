@@ -157,7 +157,9 @@ def of_hello(m: Any) -> list[float]:
     out = [m.session_id, m.needs_key]
     for s in m.sensors:
         places = (s.grid_origin_x_nm, s.grid_origin_y_nm, s.grid_step_x_nm, s.grid_step_y_nm)
-        out += [s.sensor, s.grid_n_x, s.grid_n_y, *(v * 1e-9 for v in places), s.calibration.present]
+        c = s.calibration
+        out += [s.sensor, s.grid_n_x, s.grid_n_y, *(v * 1e-9 for v in places)]
+        out += [c.present, c.development_key, c.on_trial, *c.summary.encode()]
     return out
 
 

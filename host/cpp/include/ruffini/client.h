@@ -2,6 +2,7 @@
 // folder has an example. Standard library only, no thread, no system call: the caller reads the port.
 #pragma once
 
-#include "ruffini/client/decoder.h"   // IWYU pragma: export
-#include "ruffini/client/encoder.h"   // IWYU pragma: export
-#include "ruffini/client/messages.h"  // IWYU pragma: export
+#include "ruffini/client/damage_watch.h"  // IWYU pragma: export
+#include "ruffini/client/decoder.h"       // IWYU pragma: export
+#include "ruffini/client/encoder.h"       // IWYU pragma: export
+#include "ruffini/client/messages.h"      // IWYU pragma: export

@@ -17,6 +17,7 @@ namespace ruffini::client {
 // MessageType of ruffini.proto.
 enum class Type : uint8_t {
   kHello = 1,
+  kSchema = 2,
   kStatus = 3,
   kWrench = 4,
   kField = 5,
@@ -29,6 +30,7 @@ enum class Type : uint8_t {
   kReply = 12,
   kLearned = 13,
   kTime = 14,
+  kSignedCommand = 15,
   kResidual = 16,
 };
 
@@ -50,11 +52,14 @@ struct Packet {
 struct Counters {
   uint64_t bad_crc = 0;
   uint64_t malformed = 0;    // COBS, length, version, flags, fragment numbers
-  uint64_t oversize = 0;     // more than 4,096 bytes without a delimiter
+  uint64_t oversize = 0;     // 4,096 bytes without a delimiter
   uint64_t incomplete = 0;   // messages with missing fragments
   uint64_t undecodable = 0;  // complete, but not valid by ruffini.proto
   uint64_t echo = 0;         // frames of this host, returned by the line
-  uint64_t lost = 0;         // missing messages, by sequence number
+  uint64_t lost = 0;         // missing sequence numbers: lost on the line or dropped at the device
+
+  // Frames damaged on the line.
+  [[nodiscard]] uint64_t damaged() const { return bad_crc + malformed + oversize; }
 };
 
 class Decoder {

@@ -14,17 +14,17 @@ using Bytes = std::vector<uint8_t>;
 
 class Encoder {
  public:
-  // `holder`: a number above 0 that no other host uses, e.g. a random one. A sensor accepts changes from one host at a
-  // time. Write the bytes of hello() first: they also end a frame that a previous host left incomplete.
+  // `holder`: a number above 0, drawn at random at each start. A sensor accepts changes from one host at a time. Write
+  // the bytes of ask_hello() first: they also end a frame that a previous host left incomplete.
   explicit Encoder(uint32_t holder) : holder_(holder) {}
 
-  Bytes hello();
-  Bytes status();
-  Bytes time(uint64_t token);
+  Bytes ask_hello();
+  Bytes ask_status();
+  Bytes ask_time(uint64_t token);
   // Subscribes to every n-th message of each type, e.g. {{Type::kWrench, 1}, {Type::kField, 4}}; at most 16 types.
   // Replaces the previous subscription.
   Bytes subscribe(const std::vector<std::pair<Type, uint32_t>>& every);
-  // Learns the rest image of the untouched pad again; n_frames 0: the board's number. The reply is REFUSED if the pad
+  // Learns the rest image of the untouched pad again; n_frames 0: `n_rest_frames` of the board. The reply is REFUSED if the pad
   // is touched, unless even_if_touched is set.
   Bytes zero(uint32_t n_frames = 0, bool even_if_touched = false, uint8_t sensor = kDevice);
 

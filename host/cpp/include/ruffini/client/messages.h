@@ -1,6 +1,7 @@
 // Messages of a sensor in SI units. Origin: centre of the undeformed pad's surface, x right and y down in the camera's
-// image, z out of the pad. Forces act ON the pad: pressing is negative z. Values in newtons or metres are NaN unless
-// they are VALID; the transmitted number is available beside them.
+// image, z out of the pad. Forces act ON the pad: pressing is negative z. Where a comment has "NaN unless VALID", the
+// number is NaN then; all others are as transmitted. The messages of one camera frame have the same Stamp::frame: pair
+// WRENCH with CONTACTS by it.
 #pragma once
 
 #include <array>
@@ -23,31 +24,86 @@ enum class Validity : uint8_t {
   kInvalid = 3,       // measured, and known to be wrong; also any value unknown to this library
 };
 
-// Some of the FlagBits of ruffini.proto; Stamp::flags contains all of them.
-enum Flag : uint32_t { kNoReference = 1, kStale = 256, kWindowBorder = 512, kKnownFlags = (1U << 19) - 1 };
+// FlagBit of ruffini.proto: reasons against a result, also against one that is VALID
+// (docs/how-to/use-forces-for-control.md).
+enum Flag : uint32_t {
+  kFlagNoReference = 1,
+  kFlagUncalibratedXy = 2,
+  kFlagUncalibratedZ = 4,
+  kFlagMarkersLost = 8,
+  kFlagSaturated = 16,
+  kFlagOverRange = 32,
+  kFlagDark = 64,
+  kFlagOverexposed = 128,
+  kFlagStale = 256,
+  kFlagWindowBorder = 512,
+  kFlagLight = 1024,
+  kFlagFeatures = 2048,
+  kFlagOtherPad = 4096,
+  kFlagTemperature = 8192,
+  kFlagViewLost = 16384,
+  kFlagRepeated = 32768,
+  kFlagPicture = 65536,
+  kFlagTime = 131072,
+  kFlagRestUnverified = 262144,
+};
+inline constexpr uint32_t kKnownFlags = (kFlagRestUnverified << 1) - 1;
+
+// HealthBit of ruffini.proto: causes that last, in Status::health.
+enum HealthBit : uint32_t {
+  kHealthUncalibrated = 1,
+  kHealthDevelopmentKey = 2,
+  kHealthCameraStalled = 4,
+  kHealthLinkDegraded = 8,
+  kHealthStoreError = 16,
+  kHealthNoReference = 32,
+  kHealthSkinAged = 64,
+  kHealthTrial = 128,
+  kHealthNetwork = 256,
+  kHealthReflex = 512,
+  kHealthThrottled = 1024,
+  kHealthLate = 2048,
+  kHealthCrashed = 4096,
+  kHealthSafeMode = 8192,
+  kHealthZeroLimit = 16384,
+  kHealthLight = 32768,
+  kHealthUnjudged = 65536,
+};
+
+// ReplyCode of ruffini.proto.
+enum ReplyCode : uint32_t {
+  kReplyOk = 0,
+  kReplyUnknownCommand = 1,
+  kReplyBadArgument = 2,
+  kReplyBusy = 3,
+  kReplyRefused = 4,
+  kReplyBadHash = 5,
+  kReplyStorage = 6,
+  kReplyNotReady = 7,
+};
 
 struct Stamp {
   uint64_t capture_us = 0;  // exposure midpoint, monotonic clock of the device
   uint64_t frame = 0;       // the camera's number; gaps mean dropped frames
-  uint32_t flags = 0;       // FlagBit mask
+  uint32_t flags = 0;       // mask of Flag
   uint32_t calibration_id = 0;
 };
 
 struct Measured {
   double value = kNaN;   // NaN unless VALID
-  double as_sent = 0.0;  // only meaningful together with the reason for its validity
+  double as_sent = 0.0;  // transmitted number, even when not VALID: not for control
   Validity validity = Validity::kNotMeasured;
 };
 
 struct Wrench {
   Stamp stamp;
-  std::array<Measured, 3> force_n;    // x, y, z
-  std::array<Measured, 3> torque_nm;  // about the origin
+  std::array<Measured, 3> force_n;     // x, y, z
+  std::array<Measured, 3> torque_n_m;  // about the origin
   // Covariance of (fx, fy, fz, tx, ty, tz), N and N m; nullopt if it is not VALID: absent does not mean zero.
   std::optional<std::array<std::array<double, 6>, 6>> covariance;
 };
 
-// Integers on a grid of n_x x n_y places, x fastest, n_components each.
+// Transmitted integers, even when not VALID, on a grid of n_x x n_y places, x fastest, n_components each.
 struct Grid {
   uint32_t n_x = 0;
   uint32_t n_y = 0;
@@ -62,25 +118,27 @@ struct Field {
   Validity sigma_validity = Validity::kNotMeasured;
   double force_step_n = 0.0;
   double displacement_step_m = 0.0;
-  Grid force;         // steps of force_step_n
-  Grid displacement;  // steps of displacement_step_m; empty: not sent
-  Grid sigma;         // standard deviation of force in its steps; empty: not measured
-  Grid slip;          // 0 not pressed, 1 sticks, 2 slips; empty: not measured
+  Grid force_steps;         // of force_step_n
+  Grid displacement_steps;  // of displacement_step_m; empty: not sent
+  Grid sigma_steps;         // standard deviation of force, of force_step_n; empty: not measured
+  Grid slip;                // 0 not pressed, 1 sticks, 2 slips; empty: not measured
 
-  // Values of one node, NaN along axes that are not VALID. Precondition: node < force.n_nodes().
-  [[nodiscard]] std::array<double, 3> force_n(size_t node) const;
-  [[nodiscard]] std::array<double, 3> displacement_m(size_t node) const;
-  [[nodiscard]] std::array<double, 3> sigma_n(size_t node) const;
+  // Values of one node, NaN along axes that are not VALID. Precondition: node < force_steps.n_nodes().
+  [[nodiscard]] std::array<double, 3> force_n_at(size_t node) const;
+  [[nodiscard]] std::array<double, 3> displacement_m_at(size_t node) const;
+  [[nodiscard]] std::array<double, 3> sigma_n_at(size_t node) const;
 };
 
 struct Depth {
   Stamp stamp;
   Validity validity = Validity::kNotMeasured;
   double step_m = 0.0;
-  uint32_t step_px = 0;                             // cell size in pixels of the camera
-  double sigma_m = 0.0;                             // standard deviation of a touched cell; 0: not stated
-  Grid depth;                                       // steps of step_m, negative where pressed
-  [[nodiscard]] double depth_m(size_t cell) const;  // NaN unless VALID
+  uint32_t step_px = 0;  // cell size in pixels of the camera
+  double sigma_m = 0.0;  // standard deviation of a touched cell; 0: not stated
+  Grid depth_steps;      // of step_m, negative where pressed
+
+  // NaN unless VALID. Precondition: cell < depth_steps.n_nodes().
+  [[nodiscard]] double depth_m_at(size_t cell) const;
 };
 
 // Residual displacement that the forces do not explain, at each node: about 1 under any load if pad and noise match the
@@ -88,16 +146,17 @@ struct Depth {
 struct Residual {
   Stamp stamp;
   Validity validity = Validity::kNotMeasured;
-  double step = 0.0;  // standard deviations
-  Grid residual;      // along x, y, z, steps of `step`; empty: not measured
+  double step = 0.0;    // standard deviations
+  Grid residual_steps;  // of `step`, along x, y, z; empty: not measured
 
-  // Residual of one node in standard deviations; NaN unless VALID. Precondition: node < residual.n_nodes().
-  [[nodiscard]] std::array<double, 3> sigmas(size_t node) const;
+  // Residual of one node in standard deviations; NaN unless VALID. Precondition: node < residual_steps.n_nodes().
+  [[nodiscard]] std::array<double, 3> sigmas_at(size_t node) const;
 };
 
 enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
 
-// Messages of single stages. Numbers that are not stated, and all numbers of an invalid contact, are NaN.
+// Messages of single stages. Numbers that are not stated, and all numbers of an invalid contact, are NaN, except
+// those marked "as sent".
 
 // A touch of a skin, in the camera's axes.
 struct SkinTouch {
@@ -133,10 +192,11 @@ struct ContactModel {
   Validity hardness_validity = Validity::kNotMeasured;  // of the next three
   double stiffness_pa_per_m = kNaN;                     // d(normal force / effective area) / d(gel depth)
   double shore_a = kNaN, shore_a_sigma = kNaN;          // hardness of the object
-  double mean_flow_m = 0.0, moment_by_flow_nm = 0.0;
+  double mean_flow_m = 0.0;                             // as sent, whatever the validity
+  double moment_by_flow_n_m = 0.0;                      // as sent, whatever the validity
 };
 
-// Components of a texture's flow.
+// Components of a texture's flow, as sent, whatever the validity.
 struct FlowParts {
   double curl_free_m = 0.0;        // mean magnitude of the gradient
   double divergence_free_m = 0.0;  // magnitude of the mean of the remainder
@@ -145,14 +205,18 @@ struct FlowParts {
 
 struct Contact {
   uint32_t id = 0;
-  double area_m2 = 0.0;
-  std::array<double, 2> center_m{};
-  std::array<Measured, 3> force_n;
+  double area_m2 = 0.0;              // as sent, whatever the validity
+  std::array<double, 2> center_m{};  // as sent, whatever the validity
+  std::array<Measured, 3> force_n;   // x, y, z
   Measured peak_depth_m;
   SlipState slip_state = SlipState::kNotMeasured;
-  double shear_ratio = kNaN;                       // |F_t| / |F_n|; these five are NaN if not measured or not known yet
-  double friction = kNaN, friction_sigma = kNaN;   // coefficient
-  double slip_share = kNaN, slip_margin_n = kNaN;  // share of its area that slips; additional shear that it can bear
+  // NaN if not measured or not known yet.
+  double shear_ratio = kNaN;     // |F_t| / |F_n|
+  double friction = kNaN;        // coefficient
+  double friction_sigma = kNaN;  // standard deviation of friction
+  double slip_share = kNaN;      // share of the contact's area that slips
+  double slip_margin_n = kNaN;   // additional shear that the contact can bear
+
   bool reaches_border = false;  // the pad continues beyond the camera's window: values cover the visible part only
   std::optional<SkinTouch> skin;
   std::optional<ToolTouch> tool;
@@ -166,7 +230,7 @@ struct Contacts {
   std::vector<Contact> contacts;
 };
 
-// Markers, patches or targets in the image.
+// Markers, patches or targets in the image. Has no validity: places in the image are measured before any force.
 struct Markers {
   Stamp stamp;
   double step_px = 0.0;
@@ -182,18 +246,25 @@ struct Learned {
   Stamp stamp;                                              // of the processed frame
   bool is_valid = false;                                    // false: no number, or outside the training range
   std::vector<std::pair<std::string, int64_t>> quantities;  // names with their units, e.g. "force_un"
-  double took_s = 0.0, latency_s = 0.0;                     // of the network alone; from mid-exposure to the result
+  double took_s = 0.0;                                      // of the network alone
+  double latency_s = 0.0;                                   // from mid-exposure to the result
   double period_s = 0.0;                                    // since the previous result; 0: first result
 };
 
 struct SensorInfo {
   uint32_t sensor = 0;  // Packet::sensor
   std::string board, product;
-  uint32_t n_x = 0, n_y = 0;                             // nodes of FIELD
-  std::array<double, 2> grid_origin_m{}, grid_step_m{};  // x, y of the first node; distance between nodes
-  std::vector<std::string> not_measured;
-  bool is_calibrated = false;
-  [[nodiscard]] std::array<double, 2> position_m(size_t node) const;  // of FIELD's node on the undeformed pad
+  uint32_t n_x = 0, n_y = 0;              // nodes of FIELD
+  std::array<double, 2> grid_origin_m{};  // x, y of the first node
+  std::array<double, 2> grid_step_m{};    // distance between nodes along x, y
+  std::vector<std::string> not_measured;  // quantities that this board cannot measure, e.g. "torque_z"
+  bool is_calibrated = false;             // the next three are of this calibration
+  bool has_development_key = false;       // signed with the public development key: anybody can make one
+  bool is_on_trial = false;               // not confirmed yet: a restart restores the previous one
+  std::string calibration_summary;        // of its report's gates: "passed", or which failed; empty: no report
+
+  // Of FIELD's node on the undeformed pad.
+  [[nodiscard]] std::array<double, 2> position_m_at(size_t node) const;
 };
 
 struct Hello {
@@ -207,9 +278,10 @@ struct Hello {
 struct Status {
   uint64_t uptime_us = 0, frames_captured = 0, frames_processed = 0;
   double frame_rate_hz = 0.0;
-  uint64_t replaced_frames = 0, invalid_frames = 0,
-           dropped_packets = 0;  // replaced by newer ones; unreadable; not read by the host
-  uint32_t health = 0;           // HealthBit mask; 0: no problem
+  uint64_t replaced_frames = 0;  // by newer ones before they were processed
+  uint64_t invalid_frames = 0;   // unreadable
+  uint64_t dropped_packets = 0;  // not read by the host in time
+  uint32_t health = 0;           // mask of HealthBit; 0: no problem
   std::vector<std::pair<std::string, double>> temperatures_c;
 };
 
@@ -220,13 +292,17 @@ struct Event {
 };
 
 struct Reply {
-  uint32_t request_id = 0, code = 0;  // code 0: success
-  std::string text;                   // for people
+  uint32_t request_id = 0;
+  uint32_t code = 0;  // ReplyCode
+  std::string text;   // for people
 };
 
-// Answer to Encoder::time: host minus device is (asked + answered - received - sent) / 2.
+// Answer to Encoder::ask_time. With the host's clock at the request, t_request, and at the answer, t_answer, host minus
+// device is (t_request + t_answer - received_us - sent_us) / 2.
 struct Time {
-  uint64_t token = 0, received_us = 0, sent_us = 0;
+  uint64_t token = 0;
+  uint64_t received_us = 0;  // the request, on the clock of Stamp::capture_us
+  uint64_t sent_us = 0;      // the answer, on the same clock
 };
 
 }  // namespace ruffini::client

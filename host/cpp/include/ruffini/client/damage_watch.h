@@ -1,0 +1,31 @@
+// Reports a line that is unfit for control: two damaged frames within six minutes (proto/README.md).
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+namespace ruffini::client {
+
+// One for each sensor, over all the Decoders that its reconnections need.
+class DamageWatch {
+ public:
+  // `n_damaged`: Counters::damaged() of the current Decoder. `now_s`: a monotonic clock. True when the line becomes unfit.
+  bool update(uint64_t n_damaged, double now_s) {
+    const bool was_unfit = is_unfit(now_s);
+    const uint64_t n_new = n_damaged > n_damaged_ ? n_damaged - n_damaged_ : 0;
+    n_damaged_ = n_damaged;  // a new Decoder counts from 0
+    if (n_new > 0) last_s_ = {n_new > 1 ? now_s : last_s_[1], now_s};
+    return !was_unfit && is_unfit(now_s);
+  }
+
+  [[nodiscard]] bool is_unfit(double now_s) const { return now_s - last_s_[0] < kIntervalS; }
+
+ private:
+  // Ten damaged frames an hour, one in 2^32 of them undetected, make 2.3e-9 wrong frames an hour.
+  static constexpr double kIntervalS = 360.0, kLongAgoS = -1e12;
+
+  std::array<double, 2> last_s_{kLongAgoS, kLongAgoS};  // times of the last two damaged frames
+  uint64_t n_damaged_ = 0;
+};
+
+}  // namespace ruffini::client
