@@ -11,7 +11,7 @@
 //   u'          u at the node opposite the pad's centre; the sum is over pairs: a shift of the whole picture cancels
 //
 // Without forces there is no model error to allow for: noise moves the nodes at random, a load moves all of them
-// outwards. On gelslim's twin |seen| / sum |p . u| is 0.08 (standard deviation) at rest and 0.6 to 1 under a load of
+// outwards. On a twin |seen| / sum |p . u| is 0.08 (standard deviation) at rest and 0.6 to 1 under a load of
 // 0.1 N that causes no force.
 //
 // A punch so wide that its pressure stays below the contact threshold moves the surface around it by many times the
