@@ -1,5 +1,5 @@
 // NEON version of dot_weights.h, eight pixels at a time. Bounds beside those of dot_weights.h: a threshold is below
-// 12,240 2^16 / 2^15, so background, grey and threshold fit 16 bits, and their difference does after saturation.
+// 12,240 2^16 / 2^15, so background, grey and threshold fit 16 bits without a sign, and rows differ by less than 2^15.
 #pragma once
 
 #include "image/dot_weights.h"
@@ -60,11 +60,11 @@ class DotWeightsNeon {
     for (int x = 0; x < whole; x += kCount) {
       const uint16x4_t first = background(x);
       const uint16x4_t second = background(x + 4);
-      const int16x8_t threshold = vreinterpretq_s16_u16(vcombine_u16(below(first), below(second)));
-      const int16x8_t level = vreinterpretq_s16_u16(vcombine_u16(first, second));
-      const int16x8_t grey = vreinterpretq_s16_u16(vld1q_u16(row.grey + x));
-      const int16x8_t v = kIsLight ? vsubq_s16(grey, level) : vsubq_s16(level, grey);
-      vst1q_s16(row.weight + x, vmaxq_s16(vqsubq_s16(v, threshold), vdupq_n_s16(0)));
+      const uint16x8_t threshold = vcombine_u16(below(first), below(second));
+      const uint16x8_t level = vcombine_u16(first, second);
+      const uint16x8_t grey = vld1q_u16(row.grey + x);
+      const uint16x8_t v = kIsLight ? vqsubq_u16(grey, level) : vqsubq_u16(level, grey);  // saturates at zero
+      vst1q_s16(row.weight + x, vreinterpretq_s16_u16(vqsubq_u16(v, threshold)));
     }
   }
 };
