@@ -136,7 +136,7 @@ def pressed_objects(mapping: Path, folder: Path, page: Page, progress: Progress)
     rows += [row(f"{left_out} left out", itemgetter(left_out)) for left_out in ours]
     for n, word in ((1, "one stated sigma"), (2, "two")):
         rows.append(Row(name, f"truths within {word}", "%", 100 * found.within(n), {}))
-    rows.append(Row(name, "mean |Fz| of the first second, untouched", "N", found.at_rest(), {}))
+    rows.append(Row(name, "mean magnitude of Fz in the first second, untouched", "N", found.at_rest(), {}))
     for force, pairs in found.pairs.items():
         rows += _softness(name, f"softness with the force of {force}", pairs)
         page.table(["softer", "harder", f"by the force of {force}", "chance of being wrong"],
@@ -147,8 +147,8 @@ def pressed_objects(mapping: Path, folder: Path, page: Page, progress: Progress)
 def _softness(name: str, what: str, pairs: list[pressed_videos.Pair]) -> list[Row]:
     """Which of two like objects is harder, neither of them fitted: counts, and the stated chances."""
     told = [pair for pair in pairs if pair.is_told]
-    counts = {"told apart, rightly": sum(p.is_right for p in told), "not told apart": len(pairs) - len(told),
-              "told apart, wrongly": sum(not p.is_right for p in told)}  # fmt: skip
+    counts = {"distinguished rightly": sum(p.is_right for p in told), "not distinguished": len(pairs) - len(told),
+              "distinguished wrongly": sum(not p.is_right for p in told)}  # fmt: skip
     rows = [Row(name, f"{what}: pairs {words}", f"of {len(pairs)}", float(n), {}) for words, n in counts.items()]
     singles = [a.log < b.log for p in pairs for a in p.shares[0] for b in p.shares[1]]
     rows.append(Row(name, f"{what}: single squeezes in the right order", f"of {len(singles)}", float(sum(singles)), {}))
