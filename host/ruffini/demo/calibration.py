@@ -28,7 +28,7 @@ from ruffini.estimators.operator.fit import make_operator
 from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
 from ruffini.estimators.photometric.pad_view import Pinhole
 from ruffini.estimators.photometric.presses import load_presses
-from ruffini.estimators.table import applying
+from ruffini.estimators.table import task_of
 from ruffini.estimators.task import Turned
 from ruffini.fem.operators import Noise
 from ruffini.sim.recording import record_balls
@@ -128,8 +128,7 @@ def _of_bench(board: Board, folder: Path, balls: Path | None) -> CalibrationFile
         raise InputError(f"{BENCH} of {board.name}: no press has a solution: {next(iter(outcome.failed.values()))}")
     is_tube = board.skin is not None and board.skin.shape == "tube"
     points = write_known_points(board, folder) if is_tube else None
-    is_turned = any(isinstance(estimator.task, Turned) for estimator in applying(board))
-    baseline_mm = eyes_apart_mm(board) if is_turned else None
+    baseline_mm = eyes_apart_mm(board) if isinstance(task_of(board), Turned) else None
     job = Job(board, [presses], balls=balls, points=points, baseline_mm=baseline_mm)
     with progress_bar("fit") as progress:
         outcomes = run_stages(job, frozenset(), tell=lambda *_: None, progress=lambda _, done: progress(done))

@@ -14,15 +14,16 @@ from ruffini.sim.settings import load_twin
 MAX_FRAMES = 200  # to draw one takes up to half a second
 
 
-def test_a_board_without_a_twin_is_refused_in_one_sentence(tmp_path):
-    folder = tmp_path / "gelslim"
-    folder.mkdir()
-    (folder / "board.toml").write_text(find_board("gelslim").text)
-    with pytest.raises(InputError, match=r"no optics to simulate: .*twin\.toml does not exist"):
-        load_twin(find_board(str(folder)))
+WITHOUT_TWIN = {"gelsight-wedge"}  # known from recordings alone
 
 
-@pytest.mark.parametrize("name", sorted(board_names()))
+@pytest.mark.parametrize("name", sorted(WITHOUT_TWIN))
+def test_a_board_without_a_twin_is_refused_in_one_sentence(name):
+    with pytest.raises(InputError, match=r"twin\.toml"):
+        load_twin(find_board(name))
+
+
+@pytest.mark.parametrize("name", sorted(set(board_names()) - WITHOUT_TWIN))
 def test_every_board_can_be_shown_without_a_sensor(name):
     board = find_board(name)
     story = touches.demo(board, load_twin(board))
