@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from tiny_sensor import ROOT
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate.auto.fingertip import eyes_apart_mm
+from ruffini.calibrate.gates import MIN_PRESSES
 from ruffini.cli.auto import simulated_site
 from ruffini.errors import InputError
 from ruffini.estimators.table import task_of
@@ -52,8 +54,9 @@ def test_what_a_boards_estimator_presses_is_collected_or_refused_in_one_sentence
     board = coarse(name, tmp_path)
     task = task_of(board)
     if isinstance(task, Turned):  # played whole in tests/py/auto
-        parts = {run.settings.part for run in runs_of(load_reproduce(board, task.presses), quick=True)}
-        assert parts == {"fit", "judge"}
+        parts = Counter(run.settings.part for run in runs_of(load_reproduce(board, task.presses), quick=True))
+        assert parts["fit"] >= MIN_PRESSES  # of --quick, too: the gate refuses fewer
+        assert parts["judge"] > 1
         assert eyes_apart_mm(board) > 0
         return
     site = simulated_site(board, task, tmp_path, 1e-3 * task.depth_mm, 1e-3 * task.shear_mm, 1)

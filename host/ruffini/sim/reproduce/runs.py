@@ -16,7 +16,7 @@ from ruffini.sim.programs import Load, Rest, Step, Touch
 from ruffini.sim.reproduce.settings import HandSet, Lists, PressSet, ReproduceSettings
 
 UM = 1e-6
-QUICK_EVERY = 8  # of drawn runs
+QUICK_EVERY, LEAST_QUICK = 8, 3  # of the drawn runs of a set; of small sets more often, so that so many remain
 N_REST = 2  # untouched frames after the board's rest frames
 
 AXES = tuple(Lists.model_fields)
@@ -154,7 +154,7 @@ def _drawn_value(rng: np.random.Generator, values: list[object]) -> object:
 def _is_quick(s: PressSet, chosen: dict[str, object], number: int) -> bool:
     assert s.quick is not None
     if s.drawn is not None:
-        return number % QUICK_EVERY == 0
+        return number % min(QUICK_EVERY, max(s.drawn // LEAST_QUICK, 1)) == 0
     wanted = {name: values for name in AXES if (values := getattr(s.quick, name)) is not None}
     return all(chosen.get(name) in values for name, values in wanted.items())
 
