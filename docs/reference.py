@@ -188,7 +188,7 @@ def row(line: str) -> str:
 def flags(schema: str) -> str:
     """Flags with their symptom and remedy from host/README.md, validities, health, replies, exit codes."""
     symptoms = [
-        line
+        linked(line)
         for line in (ROOT / "host" / "README.md").read_text().splitlines()
         if line.startswith("|") and "FLAG_" in line
     ]
@@ -261,7 +261,7 @@ def board_keys() -> str:
 
 
 def linked(text: str) -> str:
-    """Links of boards/README.md as seen from docs/reference/."""
+    """Links of boards/README.md, or of another folder's to a third one, as seen from docs/reference/."""
     return re.sub(
         r"\]\((?!https?:)([^)]+)\)",
         lambda m: f"](../../boards/{m[1]})" if not m[1].startswith("../") else f"](../{m[1]})",
