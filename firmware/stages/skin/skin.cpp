@@ -41,7 +41,7 @@ void Skin::check_picture() {
   frame_.has_moved = edges.has_moved;
   frame_.is_dark = taxels_->n_dark() > 0 || 2 * frame_.light_q12 < -Taxels::kOne;
   frame_.is_light_wrong = frame_.light_q12 > kWrongLightQ12 || frame_.light_q12 < -kWrongLightQ12 ||
-                        taxels_->stray_q6() > touches_->tables().stray_limit_q6 || edges.is_off_curve;
+                          taxels_->stray_q6() > touches_->tables().stray_limit_q6 || edges.is_off_curve;
 }
 
 const SkinFrame& Skin::run(const FrameView& frame, uint64_t capture_us, SaturationCounter& saturations) {
