@@ -135,7 +135,8 @@ def test_a_recording_of_another_board_or_a_spoilt_mark_is_refused(video: Path, t
 def test_what_cannot_be_is_one_sentence(video: Path, environment: dict[str, str], tmp_path: Path) -> None:
     code, said = refused(environment, "--camera", str(video))
     assert code == 2
-    assert "(320x240) fits several boards: choose one with --board of contact-glitter, gelsight-mini, gelslim" in said
+    which = "contact-glitter, digit-tactile, gelsight-mini, gelslim"
+    assert f"(320x240) fits several boards: choose one with --board of {which}" in said
     code, said = refused(environment, "--camera", str(video), "--board", "ftouch")
     assert code == 2
     assert "frames are 320x240" in said

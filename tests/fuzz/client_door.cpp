@@ -113,6 +113,12 @@ class Said {
           put(v);
       }
     }
+    if (c.softness) put(*c.softness);
+  }
+  void put(const client::Softness& s) {
+    for (const double v : {static_cast<double>(s.squeeze), static_cast<double>(s.n_frames), s.modulus_pa, s.low_pa,
+                           s.high_pa, s.log2_share, s.log2_share_sigma, static_cast<double>(s.validity)})
+      put(v);
   }
   void put(const client::SkinTouch& s) {
     for (const double v : s.place_m) put(v);

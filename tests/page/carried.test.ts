@@ -38,6 +38,7 @@ const MODEL = {
   meanFlowUm: 38,
   momentByFlowUnmm: 39n,
 };
+const SOFTNESS = { validity: 1, squeeze: 3, nFrames: 12, modulusPa: 60_000, lowPa: 40_000, highPa: 90_000, logShareQ16: -70_000, logSigmaQ16: 9_000 };
 const CONTACT = {
   id: 3,
   areaUm2K: 5000,
@@ -79,7 +80,7 @@ const RESULTS: Record<string, [(m: Decoded) => unknown, Fields]> = {
   ],
   Residual: [residualOf, { residualLsb1e6: 15_625, residual: NODES, validity: 1 }],
   Depth: [depthOf, { depthLsbNm: 1000, stepPx: 2, depth: ONE, validity: 1, sigmaUm: 9 }],
-  Contacts: [contactsOf, { contacts: [CONTACT], nFound: 9 }],
+  Contacts: [contactsOf, { contacts: [CONTACT], nFound: 9, softness: SOFTNESS }],
   Learned: [learnedOf, { validity: 1, quantities: [{ name: "force_un", value: -5n }], tookUs: 10, latencyUs: 20, periodUs: 30_000 }],
 };
 // MARKERS: the page shows where they are in the picture. IMAGE: the picture itself (results.test.ts).

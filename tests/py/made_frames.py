@@ -54,7 +54,9 @@ def frame(*, validity: tuple[int, ...] = (1,) * 6, flags: int = 0, is_simulated:
     contact = {"id": 3, "area_um2_k": 5000, "center_x_um": 100, "center_y_um": -200, "force_z_un": -3000,
                "peak_depth_nm": -50_000, "validity": validity[2], "reaches_border": True,
                "slip": {"slip_state": 2, "shear_ratio_1e3": 350}, **parts(validity[2])}  # fmt: skip
-    contacts = SCHEMA.new("Contacts", stamp=stamp, contacts=[contact], n_found=9)
+    softness = {"validity": validity[2], "squeeze": 2, "n_frames": 12, "modulus_pa": 60_000, "low_pa": 40_000,
+                "log_share_q16": -32_768, "log_sigma_q16": 8192}  # fmt: skip
+    contacts = SCHEMA.new("Contacts", stamp=stamp, contacts=[contact], n_found=9, softness=softness)
     residual = SCHEMA.new("Residual", stamp=stamp, residual_lsb_1e6=15_625, residual=dense(FORCE), validity=validity[2])
     messages = {"WRENCH": wrench, "FIELD": field, "DEPTH": depth, "CONTACTS": contacts, "RESIDUAL": residual}
     learned = Learned(6.5, 419, flags, {"force_un": 4, "roll_urad": -5}, True, 0.01, 0.02, 30.0)

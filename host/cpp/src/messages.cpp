@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <initializer_list>
+#include <limits>
 #include <utility>
 
 #include "reader.h"
@@ -342,18 +343,52 @@ bool read(Reader r, Contact& out, uint32_t flags) {
   return true;
 }
 
+struct RawSoftness {
+  uint64_t validity = 0;
+  Softness as_sent{.modulus_pa = 0, .low_pa = 0, .high_pa = 0, .log2_share = 0, .log2_share_sigma = 0};
+};
+
+bool read(Reader r, RawSoftness& out) {
+  constexpr double kQ16 = 1.0 / 65'536;
+  Softness& s = out.as_sent;
+  while (r.next()) {
+    const uint32_t n = r.number();
+    if (n == 1) out.validity = r.u64();
+    if (n == 2) s.squeeze = r.u32();
+    if (n == 3) s.n_frames = r.u32();
+    if (n == 4) s.modulus_pa = r.u32();
+    if (n == 5) s.low_pa = r.u32();
+    if (n == 6) s.high_pa = r.u32();
+    if (n == 7) s.log2_share = r.s32() * kQ16;
+    if (n == 8) s.log2_share_sigma = r.u32() * kQ16;
+  }
+  return r.ok();
+}
+
+Softness softness_of(const RawSoftness& raw, uint32_t flags) {
+  constexpr double kInfinite = std::numeric_limits<double>::infinity();
+  Softness out = raw.as_sent;
+  out.validity = validity_of(raw.validity, flags);
+  for (double* limit : {&out.modulus_pa, &out.high_pa}) *limit = *limit == 0 ? kInfinite : *limit;
+  set_unless_valid(out.validity, {&out.modulus_pa, &out.low_pa, &out.high_pa, &out.log2_share, &out.log2_share_sigma});
+  return out;
+}
+
 bool read(Reader r, Contacts& out) {
   std::vector<Reader> contacts;  // the stamp may follow them
+  std::optional<RawSoftness> softness;
   while (r.next()) {
     if (r.number() == 1 && !read(r.message(), out.stamp)) return false;
     if (r.number() == 2) contacts.push_back(r.message());
     if (r.number() == 3) out.n_found = r.u32();
+    if (r.number() == 4 && !read_part(r.message(), softness)) return false;
     if (contacts.size() > kMaxContacts) return false;
   }
   out.contacts.resize(contacts.size());
   for (size_t i = 0; i < contacts.size(); ++i) {
     if (!read(contacts[i], out.contacts[i], out.stamp.flags)) return false;
   }
+  if (softness) out.softness = softness_of(*softness, out.stamp.flags);
   return r.ok();
 }
 

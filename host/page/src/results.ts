@@ -108,9 +108,22 @@ export interface FlowParts {
   twistRad: number;
 }
 
+/** The last squeeze of an object; NaN unless VALID, infinite: as hard as a rigid one. */
+export interface Softness {
+  squeeze: number;
+  nFrames: number;
+  modulusPa: number; // E / (1 - nu^2)
+  lowPa: number; // one standard deviation below
+  highPa: number; // and above
+  logShare: number; // log2 of the dent's curvature over a rigid object's
+  logSigma: number;
+  validity: number;
+}
+
 export interface Contacts extends Stamp {
   contacts: Contact[];
   nFound: number;
+  softness?: Softness | undefined; // undefined: the board has no such stage
 }
 
 /** What the forces leave unexplained of the displacement, standard deviations: about 1 where all is as calibrated. */
@@ -325,8 +338,24 @@ function contactOf(m: Any): Contact {
   };
 }
 
+function softnessOf(part: Any): Softness {
+  const validity = known(part["validity"] as number);
+  const number = (value: number): number => (validity === VALID ? value : NaN);
+  return {
+    squeeze: part["squeeze"] as number,
+    nFrames: part["nFrames"] as number,
+    modulusPa: number(part["modulusPa"] || Infinity),
+    lowPa: number(part["lowPa"]),
+    highPa: number(part["highPa"] || Infinity),
+    logShare: number(part["logShareQ16"] / 65536),
+    logSigma: number(part["logSigmaQ16"] / 65536),
+    validity,
+  };
+}
+
 export function contactsOf(m: Any): Contacts {
-  return { ...stampOf(m), contacts: (m["contacts"] as Any[]).map(contactOf), nFound: m["nFound"] as number };
+  const softness = m["softness"] ? softnessOf(m["softness"]) : undefined;
+  return { ...stampOf(m), contacts: (m["contacts"] as Any[]).map(contactOf), nFound: m["nFound"] as number, softness };
 }
 
 /** undefined where the bytes are not as many as the size says. */

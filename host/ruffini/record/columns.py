@@ -13,6 +13,7 @@ from ruffini.device.results import (
     FlowParts,
     Learned,
     SkinTouch,
+    Softness,
     ToolTouch,
     valid_or_nan,
 )
@@ -48,6 +49,11 @@ def contact_columns(contact: Contact | None, *, has_absent: bool = True) -> Row:
         if has_absent or part is not None:
             row |= _columns(kind, part, f"contact_{name}_")
     return row
+
+
+def softness_columns(softness: Softness | None) -> Row:
+    """Columns of the last squeeze; NaN where the board measures none."""
+    return _columns(Softness, softness, "softness_")
 
 
 def learned_columns(learned: Learned | None) -> Row:

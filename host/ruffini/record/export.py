@@ -20,7 +20,7 @@ from ruffini.api.sensor import node_places, sensor_info
 from ruffini.device.results import Field, valid_or_nan
 from ruffini.errors import InputError
 from ruffini.extras import missing
-from ruffini.record.columns import contact_columns, learned_columns
+from ruffini.record.columns import contact_columns, learned_columns, softness_columns
 from ruffini.record.recording import Recording
 
 FORMATS = ("csv", "hdf5", "npz", "parquet")
@@ -148,6 +148,7 @@ def _row(recording: Recording, frame: SensorFrame) -> dict[str, Any]:
         "sigma_force_n": NAN3 if sigma is None else sigma[:3], "sigma_torque_nm": NAN3 if sigma is None else sigma[3:],
         "n_contacts": -1 if contacts is None else len(contacts.contacts),
         "n_contacts_found": -1 if contacts is None else contacts.n_found, **contact_columns(first),
+        **softness_columns(None if contacts is None else contacts.softness),
         "covariance": np.full((6, 6), np.nan) if covariance is None else covariance,
         "covariance_validity": 0 if wrench is None else wrench.covariance_validity,
         "depth_sigma_m": np.nan if frame.depth is None or frame.depth.sigma is None else frame.depth.sigma,

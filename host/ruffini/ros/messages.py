@@ -18,7 +18,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
-from ruffini.device.results import VALID, Contact, ContactModel, Field, Learned, SkinTouch, ToolTouch, valid_or_nan
+from ruffini.device.results import (
+    VALID,
+    Contact,
+    ContactModel,
+    Field,
+    Learned,
+    SkinTouch,
+    Softness,
+    ToolTouch,
+    valid_or_nan,
+)
 from ruffini.wire import Frame
 
 Array = npt.NDArray[np.float64]
@@ -57,6 +67,7 @@ TOPICS = (
     Topic("field", "sensor_msgs/msg/PointCloud2"),
     Topic("depth", "sensor_msgs/msg/Image", is_reliable=True),
     Topic("contacts", "ruffini_msgs/msg/ContactArray"),
+    Topic("softness", "ruffini_msgs/msg/Softness"),
     Topic("learned", "ruffini_msgs/msg/Learned"),
     Topic("residual", "sensor_msgs/msg/Image", is_reliable=True),
 )
@@ -239,6 +250,17 @@ def _contacts(frame: SensorFrame, head: Message) -> Message:
     return Message("ruffini_msgs/msg/ContactArray", {"header": head, "n_found": n_found, "contacts": contacts})
 
 
+def _softness(s: Softness, head: Message) -> Message:
+    return Message(
+        "ruffini_msgs/msg/Softness",
+        {
+            "header": head, "validity": s.validity, "squeeze": s.squeeze, "n_frames": s.n_frames,
+            "modulus": s.modulus_pa, "low": s.low_pa, "high": s.high_pa, "log_share": s.log_share,
+            "log_share_sigma": s.log_sigma,
+        },
+    )  # fmt: skip
+
+
 def messages_of(
     frame: SensorFrame, name: str, nodes: Array | None, stamp_ns: int, stamp_error_s: float
 ) -> Iterator[tuple[str, Message]]:
@@ -260,6 +282,8 @@ def messages_of(
         yield "depth", _picture(frame.depth.depth, head)
     if frame.contacts is not None:
         yield "contacts", _contacts(frame, head)
+        if frame.contacts.softness is not None:
+            yield "softness", _softness(frame.contacts.softness, head)
     if frame.learned is not None:
         yield "learned", _learned(frame.learned, head)
     if frame.residual is not None:

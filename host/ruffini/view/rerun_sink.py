@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ruffini.api.frame import SensorFrame
 from ruffini.device.results import VALID, Contacts, Field, Learned, Markers, valid_or_nan
 from ruffini.device.system_clock import SystemClock
-from ruffini.record.columns import contact_columns
+from ruffini.record.columns import contact_columns, softness_columns
 
 Array = npt.NDArray[np.float64]
 CURVES = {"force_n": "force", "torque_nm": "torque"}
@@ -119,6 +119,9 @@ class RerunSink:
         """Every number of every contact as a curve of its own, largest contact first; words where they change."""
         log = self._stream.log
         log(f"{pad}/contacts/n_found", self._rr.Scalars(float(contacts.n_found)))
+        if contacts.softness is not None:
+            for name, value in softness_columns(contacts.softness).items():
+                log(f"{pad}/{name.replace('_', '/', 1)}", self._rr.Scalars(float(value)))
         for rank, contact in enumerate(contacts.contacts):
             for name, value in contact_columns(contact, has_absent=False).items():
                 path = f"{pad}/contacts/{rank}/{name.removeprefix('contact_')}"

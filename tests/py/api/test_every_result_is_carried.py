@@ -56,6 +56,8 @@ def base() -> dict[str, Any]:
     contact = {"id": 3, "area_um2_k": 5000, "center_x_um": 100, "center_y_um": -200, "force_x_un": 30,
                "force_y_un": 40, "force_z_un": -3000, "peak_depth_nm": -50_000, "validity": 1, "reaches_border": True,
                "force_validity": [1, 1, 1], "slip": slip, **parts(1)}  # fmt: skip
+    softness = {"validity": 1, "squeeze": 3, "n_frames": 12, "modulus_pa": 60_000, "low_pa": 40_000, "high_pa": 90_000,
+                "log_share_q16": -70_000, "log_sigma_q16": 9_000}  # fmt: skip
     pair = dense(FORCE[..., :2])
     quantity = {"name": "force_un", "value": -5}
     return {
@@ -68,7 +70,7 @@ def base() -> dict[str, Any]:
         "RESIDUAL": SCHEMA.new("Residual", stamp=stamp, residual_lsb_1e6=15_625, residual=dense(FORCE), validity=1),
         "DEPTH": SCHEMA.new("Depth", stamp=stamp, depth_lsb_nm=1000, step_px=2, validity=1, sigma_um=9,
                             depth=dense(-np.arange(12).reshape(3, 4, 1))),
-        "CONTACTS": SCHEMA.new("Contacts", stamp=stamp, contacts=[contact], n_found=9),
+        "CONTACTS": SCHEMA.new("Contacts", stamp=stamp, contacts=[contact], n_found=9, softness=softness),
         "MARKERS": SCHEMA.new("Markers", stamp=stamp, n_x=N_X, n_y=N_Y, position_lsb_upx=1000, displacement=pair,
                               lost=b"\5", rest=pair, quality=node, area=node),
         "LEARNED": SCHEMA.new("Learned", stamp=stamp, validity=1, quantities=[quantity], took_us=10, latency_us=20,

@@ -150,6 +150,8 @@ def of_contacts(m: Any) -> list[float]:
                 row[at] = judged(row[at], flags)
             out += plain(row)
         out += plain(numbers(c.flow_parts))
+    if (softness := Contacts.from_message(m).softness) is not None:
+        out += [*numbers(softness)[:-1], judged(softness.validity, flags)]
     return out
 
 

@@ -44,7 +44,8 @@ def test_quality_of_service_is_best_effort_but_for_images_and_health() -> None:
     assert {t.name: qos_key(t) for t in (*TOPICS, DIAGNOSTICS)} == {
         "wrench": "2::,10:,:,:,,", "measurement": "2::,10:,:,:,,", "field": "2::,10:,:,:,,",
         "depth": "::,10:,:,:,,", "contacts": "2::,10:,:,:,,",
-            "learned": "2::,10:,:,:,,", "residual": "::,10:,:,:,,", "/diagnostics": "::,10:,:,:,,",
+        "softness": "2::,10:,:,:,,", "learned": "2::,10:,:,:,,",
+        "residual": "::,10:,:,:,,", "/diagnostics": "::,10:,:,:,,",
     }  # fmt: skip
 
 

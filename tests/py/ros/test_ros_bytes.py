@@ -55,6 +55,7 @@ OWN_HASHES = {
     "ruffini_msgs/msg/Learned": "RIHS01_ce5d9110c518f55ab43e5737c7731ade31e7debd0491b545da348c9350906722",
     "ruffini_msgs/msg/Measurement": "RIHS01_3a455b4fc51b05eee1c989521632530b736f17da2e3f29711ed712af78393842",
     "ruffini_msgs/msg/SkinTouch": "RIHS01_25d4fea3fb09df34fdb042c0e637576ee5f6f9bccf2f0bdd3b1ee895141bfef6",
+    "ruffini_msgs/msg/Softness": "RIHS01_f3a07e5f0aaa1cd37b1f5f60cdebcd437686bac9c32d793cd6d371a7e5dd426d",
     "ruffini_msgs/msg/ToolTouch": "RIHS01_92fa2b2785e093a395c1eece7c986fe01cc487356460a6a2bfb9576c31ec2d39",
 }
 

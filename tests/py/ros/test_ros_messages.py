@@ -135,6 +135,7 @@ def test_diagnostics_come_back(types: Types) -> None:
 def test_the_ros_package_names_each_of_its_messages() -> None:
     cmake = (SOURCES / "CMakeLists.txt").read_text()
     names = sorted(path.name for path in SOURCES.glob("msg/*.msg"))
-    stems = ["Contact", "ContactArray", "ContactModel", "FlowParts", "Learned", "Measurement", "SkinTouch", "ToolTouch"]
+    stems = ["Contact", "ContactArray", "ContactModel", "FlowParts", "Learned", "Measurement", "SkinTouch",
+             "Softness", "ToolTouch"]  # fmt: skip
     assert names == [f"{stem}.msg" for stem in stems]
     assert all(f'"msg/{name}"' in cmake for name in names)

@@ -83,7 +83,7 @@ def test_a_page_gets_the_owners_frames_and_may_change_nothing() -> None:
             said.append([f.type for f in await page.frames()])
             return said
 
-    line = LentLine(owner, lambda: {}, lambda word, number: None)
+    line = LentLine(owner, lambda: {}, lambda word, number, typed: None)
     told = list[str]()
     with serving([line], 0, told.append):
         hello, schema, subscribed, refused, types = asyncio.run(asyncio.wait_for(look_on(told[0]), 60))
@@ -108,7 +108,7 @@ def test_what_a_page_says_and_means_nothing_is_passed_over(said: str) -> None:
             return await page.answer(asked("HELLO"))
 
     told = list[str]()
-    with serving([LentLine(sensor(), lambda: {}, lambda word, _: heard.append(word))], 0, told.append):
+    with serving([LentLine(sensor(), lambda: {}, lambda word, *_: heard.append(word))], 0, told.append):
         assert asyncio.run(asyncio.wait_for(say(told[0]), 60)) == HELLO
     assert heard == []
 
@@ -154,13 +154,13 @@ def test_a_questions_answer_counts_once_and_only_for_it() -> None:
     page = GuidingPage("weights on tiny", "ruffini cal fit", 0, lambda _: None)
     guide: Guide = page.guide
     guide.n_asked, guide.is_asked = 2, True
-    page._hear("done", 1)
+    page._hear("done", 1, "")
     assert guide.is_asked
-    page._hear("done", 2)
+    page._hear("done", 2, "")
     assert not guide.is_asked
-    page._hear("done", 2)
+    page._hear("done", 2, "")
     page.keys.guard()  # one Enter lay there, and no more
-    page._hear("stop", 0)
+    page._hear("stop", 0, "")
     with pytest.raises(RefusedError):
         page.keys.guard()
     page.keys.close()
@@ -168,7 +168,7 @@ def test_a_questions_answer_counts_once_and_only_for_it() -> None:
 
 def test_a_taken_http_port_is_said() -> None:
     told = list[str]()
-    with serving([LentLine(sensor(), lambda: {}, lambda word, number: None)], 0, told.append):
+    with serving([LentLine(sensor(), lambda: {}, lambda word, number, typed: None)], 0, told.append):
         port = int(told[0].rstrip("/").rsplit(":", 1)[1])
         page = GuidingPage("free on tiny", "", port, lambda _: None)
         with pytest.raises(InputError, match="is taken"), page.shown(sensor()):

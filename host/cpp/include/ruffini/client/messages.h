@@ -224,10 +224,23 @@ struct Contact {
   std::optional<FlowParts> flow_parts;
 };
 
+// The last squeeze of an object, until the next one. NaN unless VALID; infinite: as hard as a rigid object.
+struct Softness {
+  Validity validity = Validity::kNotMeasured;
+  uint32_t squeeze = 0;      // number of squeezes so far: it rises with each result
+  uint32_t n_frames = 0;     // of the squeeze
+  double modulus_pa = kNaN;  // E / (1 - nu^2)
+  double low_pa = kNaN;      // one standard deviation below
+  double high_pa = kNaN;     // one standard deviation above
+  double log2_share = kNaN;  // log2 of the dent's curvature over a rigid object's: compare objects by it
+  double log2_share_sigma = kNaN;
+};
+
 struct Contacts {
   Stamp stamp;
   uint32_t n_found = 0;  // all contacts found; `contacts` holds the largest, largest first
   std::vector<Contact> contacts;
+  std::optional<Softness> softness;  // absent: the board has no stage softness
 };
 
 // Markers, patches or targets in the image. Has no validity: places in the image are measured before any force.
