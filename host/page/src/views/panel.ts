@@ -2,7 +2,7 @@
 
 import type { SensorInfo } from "../board";
 import type { SensorNews } from "../messages";
-import { type Contact, type ContactModel, INVALID, NOT_MEASURED, type ToolTouch, VALID, type Wrench } from "../results";
+import { type Contact, type ContactModel, INVALID, NOT_MEASURED, type Softness, type ToolTouch, VALID, type Wrench } from "../results";
 import { Charts } from "./charts";
 import { fillTable, make, words, write } from "./dom";
 import { Field3d, type Tint } from "./field3d";
@@ -28,6 +28,7 @@ export class Panel {
   private readonly badges = make("span", { class: "badges" });
   private readonly cells = NAMES.map((name) => new Cell(name));
   private readonly contacts = make("tbody");
+  private readonly softness = make("span");
   private readonly learned = make("p", { class: "learned" });
   private readonly scale = make("p", { class: "scale" });
   private readonly legend = make("p", { class: "scale legend" });
@@ -53,7 +54,7 @@ export class Panel {
     const contacts = make(
       "div",
       { class: "contacts" },
-      make("table", {}, make("caption", {}, "Contacts"), make("thead", {}, head), this.contacts),
+      make("table", {}, make("caption", {}, "Contacts", this.softness), make("thead", {}, head), this.contacts),
       this.learned,
     );
     // Maps fill the side of a field; of a body there are few.
@@ -114,7 +115,10 @@ export class Panel {
   private writeTexts(): void {
     const { wrench, contacts, learned } = this.latest;
     if (wrench) this.showWrench(wrench);
-    if (contacts) this.showContacts(contacts.contacts);
+    if (contacts) {
+      this.showContacts(contacts.contacts);
+      write(this.softness, ofSqueeze(contacts.softness));
+    }
     if (learned) this.showLearned(learned);
     this.maps.writeRanges();
     this.showScale();
@@ -205,6 +209,12 @@ export class Panel {
 }
 
 const KIND_WORDS = ["", "planar", "hertzian"];
+
+function ofSqueeze(s: Softness | undefined): string {
+  if (!s || s.nFrames === 0 || Number.isNaN(s.modulusPa)) return "";
+  const kPa = (pa: number): string => (pa === Infinity ? "rigid" : short(pa * 1e-3));
+  return `. Last object squeezed: ${kPa(s.modulusPa)} kPa (${kPa(s.lowPa)} to ${kPa(s.highPa)})`;
+}
 
 function ofTool(t: ToolTouch, { perN, name }: Unit): string[] {
   const [x, y, way] = t.placeM.map((place, i) => `${short(place * 1e3)} ± ${short(t.placeSigmaM[i]! * 1e3)}`);
