@@ -33,6 +33,7 @@ LOAD_FRAMES = 60  # of the twin's camera: a computer that is busy with other thi
 SOME_PRESSES_N, PAUSE_S = (0.6, 1.1, 0.8, 1.4, 0.5, 1.0, 0.7, 1.2), 0.8
 PATIENCE_S = 120.0
 POLL_S = 0.01
+REACTION_S = 0.2
 
 
 class EmulatedPerson:
@@ -97,6 +98,7 @@ class EmulatedPerson:
 
     def _carry(self, weight_n: float | None, place: tuple[float, float] | None) -> None:
         """Put a weight somewhere, or take it away; returns when the pad carries it, or nothing."""
+        host_clock.sleep(REACTION_S)  # else a frame of the same instant already shows the change
         with self._lock:
             self._weight_n, self._place, self._depth_m, self._last = weight_n, place, 0.0, None
         deadline = host_clock.now() + PATIENCE_S
