@@ -18,6 +18,7 @@ LIMIT_S = 2400
 TURN, OF = (int(part) for part in os.environ.get("RUFFINI_READMES_TURN", "0/1").split("/"))  # "1/2": every other one
 SCRIPT = re.compile(r"(?:python )?(tests/bench/\S+\.py(?: .*)?)")
 NEEDS_OUT = re.compile(r"ruffini reproduce(?!.* --out)(?!.* --only method)")  # the verb asks for it, not the parser
+ENDLESS = re.compile(r"ruffini view --demo")  # until Ctrl-C; test_view_boards.py
 HOURS = re.compile(r"ruffini (reproduce|cal auto) ")
 ELSEWHERE = {  # command as a text shows it: what it wants, or what runs it
     "ruffini reproduce --only method": "each board's own",
@@ -42,7 +43,12 @@ ELSEWHERE = {  # command as a text shows it: what it wants, or what runs it
 def is_whole(command: str) -> bool:
     """It parses, and all of it is there but for the place of its results."""
     needed = re.sub(r"--out (FOLDER|DIR)", "", command)
-    if NEEDS_OUT.match(command) or READERS_OWN.search(needed) or re.search(r"\b(VIDEO|B)\b|\[", needed):
+    if (
+        ENDLESS.match(command)
+        or NEEDS_OUT.match(command)
+        or READERS_OWN.search(needed)
+        or re.search(r"\b(VIDEO|B)\b|\[", needed)
+    ):
         return False
     found = PROGRAM.fullmatch(command)
     if found is None:
