@@ -72,11 +72,11 @@ class NodeSigmaModel {
     int max_y = -1;
   };
 
-  // The nodes with a force, and the nodes around them.
+  // Smallest box of the nodes with a force; empty without force. grown(): with `reach` nodes more at each side.
   [[nodiscard]] Box forced(std::span<const NodeForce> force) const;
   [[nodiscard]] Box grown(const Box& box, int reach) const;
   [[nodiscard]] Neighbours neighbours_of(std::span<const NodeForce> force, int x, int y) const;
-  // Of the nodes in `loud`, whose neighbours reach beyond it no force.
+  // Computes r^2 of the nodes in `loud`. Precondition: there is no force outside it.
   void find_roughness(std::span<const NodeForce> force, const Box& loud);
   [[nodiscard]] int32_t sigma_of(const Axis& axis, const Neighbours& around, size_t component) const;
 

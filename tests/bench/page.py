@@ -105,7 +105,7 @@ class Device:
                     self._wanted.set()
 
     def _stream(self) -> None:
-        """Two fields in turn, so that each is drawn anew."""
+        """Two fields in turn, so that each is drawn again."""
         fields = [field_message(self._schema, tuple(v * k for v in make_values(True))) for k in (1, 2)]
         turns = zip(*(frames_of(self._schema, field) for field in fields), strict=True)
         self._wanted.wait()

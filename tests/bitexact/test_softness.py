@@ -17,8 +17,9 @@ from ruffini.estimators.softness.model import Grid, Softness, dent_of
 
 N_X, N_Y = 10, 8
 MODEL = Softness(low_n=0.7, high_n=3.0, slope=0.3, rigid=14.0, sigma=0.15, gel_pa=190_000.0)
-# Strengths of the bump: a squeeze, one that ends too early, one that jumps beyond the upper force, and another squeeze
-STRENGTHS = [0.0, 4.8, 9.0, 14.0, 26.0, 60.0, 20.0, 0.0, 10.0, 0.0, 70.0, 60.0, 0.0, 8.0, 12.0, 30.0, 45.0]
+# Strengths of the bump: a squeeze, one that ends too early, one that jumps beyond the upper force, and another squeeze, which
+# slackens below the lower force without a release
+STRENGTHS = [0.0, 4.8, 9.0, 14.0, 26.0, 60.0, 20.0, 0.0, 10.0, 0.0, 70.0, 60.0, 0.0, 8.0, 3.0, 12.0, 30.0, 45.0]
 
 
 def text_of(n_x: int = N_X, n_y: int = N_Y) -> str:
@@ -60,7 +61,8 @@ def test_squeezes_are_those_of_the_mirror_and_of_the_floats() -> None:
             features.append(core.features().astype(np.int64))
             sigmas.append(variance**0.5 * 1e-6)
     counts = [result[0] for result in results]
-    assert counts == [0] * 4 + [1] * 11 + [2] * 2, np.round(forces, 2).tolist()
+    assert counts == [0] * 4 + [1] * 12 + [2] * 2, np.round(forces, 2).tolist()
+    assert results[-1][1] == 4  # frames, the slack one too
     share = MODEL.share(dent_of(np.array(features, float), Grid(N_X, N_Y)), np.array(forces), np.array(sigmas))
     first = next(result for result in results if result[0])
     assert share is not None
@@ -88,6 +90,25 @@ def test_a_dent_as_sharp_as_a_rigid_objects_has_a_lower_limit_alone() -> None:
         core.process(picture(rng, 0.0))
         core.process(picture(rng, 0.0))
         assert core.raw("softness").tolist() == [0] * 8
+
+
+def test_a_rise_that_flagged_frames_interrupt_is_no_squeeze() -> None:
+    """Black frames: the object may have been released and squeezed again meanwhile."""
+    rng, board = np.random.default_rng(5), parse_board(text_of().encode(), "small")
+    file = calibration(board)
+    mirror = Mirror(file.tensors["softness.map"].tolist(), N_X, N_Y)
+    counts = []
+    with Pipeline(board, file.data) as core:
+        for strength in [0.0] * (N_REST + 1) + [9.0, None, None, 60.0, 0.0, 9.0, 60.0]:
+            said = core.process(np.zeros_like(picture(rng, 0.0)) if strength is None else picture(rng, strength))
+            assert (said.flags & ~7 != 0) == (strength is None)
+            if strength is None:
+                mirror.discard_rise()
+            elif len(counts) >= N_REST:
+                mirror.run(core.features().astype(np.int64), -int(said.wrench_un[2]), int(core.covariance()[11]))
+                assert core.raw("softness").tolist()[:-1] == mirror.result
+            counts.append(core.raw("softness").tolist()[0])
+    assert counts[N_REST:] == [0] * 7 + [1]
 
 
 def test_the_curvature_is_that_of_a_known_slope() -> None:

@@ -124,7 +124,7 @@ void Host::replied(const ruffini_Reply& reply) {
       if (reply.next_offset >= table_->bytes.size()) {
         ask(command(ruffini_Command_flash_commit_tag), Stage::kCommit, kCommitWaitUs, kReplyTries);
       } else if (reply.flash_state == ruffini_FlashState_FLASH_STATE_IDLE) {
-        begin();  // the device was started anew
+        begin();  // the device was restarted
       } else {
         chunk_bytes_ = reply.next_offset;
         send_chunk();

@@ -131,6 +131,11 @@ int64_t Softness::modulus_pa(int64_t log_share) const {
   return std::clamp<int64_t>(gel_pa_ * share / (kOne - share), 1, kMaxPa);
 }
 
+void Softness::discard_rise() {
+  phase_ = Phase::kDone;
+  n_ = sum_ = sum_relative_ = 0;
+}
+
 void Softness::forget() {
   phase_ = Phase::kReleased;
   n_ = sum_ = sum_relative_ = 0;

@@ -10,8 +10,9 @@
 // their moduli, so that the dent of an object of modulus E' has the part E' / (E' + G) of the curvature of a rigid one of
 // its radius. Between objects of unlike shape only the order of magnitude holds. Not in the papers.
 //
-// The rise: all frames from the lower force on until the upper one is reached for the first time; a release before that is
-// no squeeze, nor is a jump from below the lower force beyond the upper one. Frame thread; no allocation after load().
+// The rise: all frames from the lower force on until the upper one is reached for the first time; a release (below half of
+// the lower force) before that is no squeeze, nor is a jump from below the lower force beyond the upper one. Frame
+// thread; no allocation after load().
 #pragma once
 
 #include <cstdint>
@@ -37,6 +38,9 @@ class Softness {
 
   // `features`: planes of B, G and R, cells by rows, Q16 of rest. The force is that of the gel on the object, uN.
   void run(std::span<const int32_t> features, int64_t force_un, int64_t sigma_un);
+  // Call for a frame whose force is not valid: the object may have been released or replaced meanwhile. The next squeeze
+  // counts after a release.
+  void discard_rise();
   void forget();
 
   // Of the last squeeze; n_frames 0: none yet.

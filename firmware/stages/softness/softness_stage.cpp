@@ -23,7 +23,10 @@ class SoftnessStage final : public Stage {
   [[nodiscard]] bool writes(Slot /*slot*/) const override { return softness_.has_value(); }
 
   void run(Frame& frame) override {
-    if (frame.is_wrong()) return;
+    if (frame.is_wrong() || (frame.flags & kFlagTemperature) != 0) {
+      softness_->discard_rise();
+      return;
+    }
     softness_->run(features_.value, -wrench_.sum.force_z_un, floor_sqrt(covariance_.wrench.upper[kForceZ]));
     out_.squeeze = softness_->result();
   }

@@ -128,6 +128,7 @@ class Printer {
 
   // HELLO, then SUBSCRIBE. Returns the problem; empty: none.
   std::string connect(Port& port) {
+    damage_.begin_decoder();
     if (!port.is_open()) return std::strerror(errno);
     client::Hello hello;
     const bool is_there = ask(port, encoder_.ask_hello(), [&](const client::Message& message) {
@@ -155,6 +156,13 @@ class Printer {
     return is_subscribed ? refusal : "no reply";
   }
 
+  // Call after each packet, and after connect(), which reads some itself.
+  void watch_damage(const Port& port) {
+    if (!damage_.update(port.counters().damaged(), now_s())) return;
+    std::fprintf(stderr, "%s: two frames damaged within six minutes: not for control until the cable is mended\n",
+                 path_);
+  }
+
   // Prints until the line is lost, or all frames have come. Returns the problem that a reconnection cannot mend.
   std::string print_all(Port& port) {
     clock_error_s_ = client::kNaN;  // another session may have another clock
@@ -167,10 +175,7 @@ class Printer {
       }
       client::Packet packet;
       const auto read = port.next(kSilenceS, packet);
-      if (damage_.update(port.counters().damaged(), now_s())) {
-        std::fprintf(stderr, "%s: two frames damaged within six minutes: not for control until the cable is mended\n",
-                     path_);
-      }
+      watch_damage(port);
       if (read != Port::Read::kPacket) return "";
       if (print(packet)) frame_s = now_s();
       if (now_s() - frame_s > kNoFrameS) return "no new frame for five seconds: see the camera's cable";
@@ -252,6 +257,7 @@ int main(int argc, char** argv) {
   while (!printer.is_done()) {
     Port port(argv[1]);  // by /dev/ruffini/SERIAL it is found again on any socket
     std::string problem = printer.connect(port);
+    printer.watch_damage(port);
     if (problem.empty()) {
       problem = printer.print_all(port);
       if (!problem.empty()) return fail(argv[1], problem);

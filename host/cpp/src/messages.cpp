@@ -345,7 +345,13 @@ bool read(Reader r, Contact& out, uint32_t flags) {
 
 struct RawSoftness {
   uint64_t validity = 0;
-  Softness as_sent{.modulus_pa = 0, .low_pa = 0, .high_pa = 0, .log2_share = 0, .log2_share_sigma = 0};
+  Softness as_sent;
+
+  // Zero is absent from the wire.
+  RawSoftness() {
+    Softness& s = as_sent;
+    s.modulus_pa = s.low_pa = s.high_pa = s.log2_share = s.log2_share_sigma = 0.0;
+  }
 };
 
 bool read(Reader r, RawSoftness& out) {

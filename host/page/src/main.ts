@@ -387,7 +387,7 @@ live.hidden = true;
 const BUTTONS = [
   live,
   button("Connect", "K", "open a sensor's serial port from this page (WebSerial)", () => void connect()),
-  button("Zero", "Z", "learn the untouched pad anew", zero),
+  button("Zero", "Z", "learn the untouched pad again", zero),
   button("Freeze", " ", "hold the picture (space)", freeze),
   button("Scale", "L", "lock the length of the arrows", lockScale),
   button("Tint", "I", "colour the surface by normal force, by slip, not at all", nextTint),

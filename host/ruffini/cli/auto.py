@@ -159,7 +159,7 @@ def _need_known(active: Any, known: set[bytes]) -> None:
     if active.present and active.sha256 not in known:
         raise RefusedError(
             f"the sensor has a calibration, made {active.created_utc}, which this would replace: give its file with "
-            "--previous, so that it is compared with and can be put back, or --force to begin anew"
+            "--previous, so that it is compared with and can be put back, or --force to start over"
         )
 
 

@@ -132,6 +132,7 @@ class Connection:
         """
         waiting, sink, heard = self.messages, self.raw_sink, list[bytes]()
         self.port, self.decoder, self.messages, self.raw_sink = port, Decoder(), Backlog(), heard.append
+        self.damage.begin_decoder()
         try:
             self._serial = open_port(port, self._known)
             known = KnownPort(port)

@@ -12,7 +12,7 @@ HEALTH_WORDS = {
     "HEALTH_LINK_DEGRADED": "frames come damaged: see the cable",
     "HEALTH_STORE_ERROR": "a stored calibration is not used: flash it again (above is the one in force)",
     "HEALTH_NO_REFERENCE": "rest is not learned yet",
-    "HEALTH_SKIN_AGED": "the skin's light is a quarter off: calibrate it anew",
+    "HEALTH_SKIN_AGED": "the skin's light is a quarter off: calibrate it again",
     "HEALTH_TRIAL": "a new calibration is on trial",
     "HEALTH_NETWORK": "the learned network does not run",
     "HEALTH_REFLEX": "the reflex line cannot be set: see [reflex] of board.toml and the device's log",

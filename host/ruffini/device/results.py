@@ -365,7 +365,7 @@ class Contact:
 class Softness:
     """The last squeeze of an object, until the next one; of boards with the stage softness.
 
-    squeeze : number of squeezes so far; it rises with each result.
+    squeeze : number of squeezes since rest was learned; it rises with each result.
     modulus_pa, low_pa, high_pa : E / (1 - nu^2) of an object of the radius of the rigid ones that were fitted, and one
         standard deviation below and above; infinite if it cannot be told from a rigid one. NaN if not VALID.
     log_share, log_sigma : log2 of the curvature of its dent over that of a rigid object, and its standard deviation, by

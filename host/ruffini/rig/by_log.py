@@ -43,7 +43,7 @@ class Joined(NamedTuple):
 def record(stream: StreamWatch, person: Person, log: LogWriter, session: str) -> None:
     """Store the stream while the person presses and another program writes; does nothing if it is stored already."""
     if _chunks(log):
-        person.say(f"the stream is there already: reading the CSV (to record anew, remove {log.side_file('')})")
+        person.say(f"the stream is there already: reading the CSV (to record again, remove {log.side_file('')})")
         return
     stop, failed = threading.Event(), list[RuffiniError]()
 

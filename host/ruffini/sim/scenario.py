@@ -98,7 +98,7 @@ class LensCap(_Fault):
 
 
 class TornGel(_Fault):
-    """A round hole in the coating."""
+    """A round hole in the coating; x and y from the pad's centre."""
 
     kind: Literal["torn_gel"]
     x_um: Um

@@ -22,7 +22,7 @@ Pair = Annotated[list[Annotated[int, Field(ge=-5000, le=5000)]], Field(min_lengt
 class UnitSettings(Section):
     """[unit]: what the manufacturer did not hit exactly."""
 
-    lattice_shift_um: Pair
+    lattice_shift_um: Pair  # of the printed lattice against [markers]
     lattice_turn_mrad: Annotated[int, Field(ge=-200, le=200)]
     friction_1e3: Annotated[int, Field(ge=0, le=2000)]
     seed: Annotated[int, Field(ge=0, le=1_000_000)] = 1  # of this unit's flakes, dust and lamp phases
@@ -36,7 +36,7 @@ class MeshSettings(Section):
 
 
 class PadSettings(bodies.Relaxing):
-    """[pad]: what a flat pad's mechanics count; board.toml has its size and moduli.
+    """[pad]: what a flat pad's mechanics count; board.toml has its size and moduli (E: the stiffness after 1 s).
 
     strain = "finite" is a neo-Hookean solid (`ruffini.sim.finite`), a hundred times slower than "linear".
     The gel relaxes (relax_1e3, relax_ms) where is_relaxing says so.

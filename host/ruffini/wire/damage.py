@@ -19,9 +19,13 @@ class DamageWatch:
         """Tell of all frames that came damaged so far; True when that makes the line bad which it was not before."""
         was_bad = self.is_bad(now_s)
         new = max(n_damaged - self._n, 0)
-        self._n = n_damaged  # a restarted decoder counts from 0
+        self._n = n_damaged
         self._seen.extend([now_s] * min(new, 2))
         return not was_bad and self.is_bad(now_s)
+
+    def begin_decoder(self) -> None:
+        """A new decoder has replaced the last one: it counts from 0."""
+        self._n = 0
 
     def is_bad(self, now_s: float) -> bool:
         """Were there two within the last six minutes?"""

@@ -56,6 +56,9 @@ class Softness:
         if force_un >= self._high:
             self._finish()
 
+    def discard_rise(self) -> None:
+        self._is_done, self._rise = True, []
+
     def _finish(self) -> None:
         n = len(self._rise)
         share = min(max(sum(log for log, _ in self._rise) // n - self._rigid, -MAX_LOG), MAX_LOG)
@@ -64,7 +67,7 @@ class Softness:
         moduli = [0 if x > HARDEST else self._modulus(x) for x in (share, share + sigma)]
         low = self._modulus(min(share - sigma, HARDEST))
         self.result = [self.result[0] + 1, n, share, sigma, moduli[0], low, moduli[1]]
-        self._is_done, self._rise = True, []
+        self.discard_rise()
 
     def _modulus(self, x: int) -> int:
         share = exp2_q16(x)

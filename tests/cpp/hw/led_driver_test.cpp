@@ -72,7 +72,7 @@ TEST_F(LedDriverTest, EveryByteOfAStartIsAsInTheDataSheet) {
   const std::vector<Bytes> expected = {
       {0x82, 0, 0, 0, 0},                                          // LEDOUT0 to 3: off
       {0x80, 0},                                                   // MODE1: awake, no other address
-      {0x81, 0x10},                                                // MODE2: faults looked for anew
+      {0x81, 0x10},                                                // MODE2: faults looked for again
       {0x98, 44, 0, 89, 1, 0, 255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0},  // IREF0 to 15
       {0x82, 0x51, 0x04, 0, 0},                                    // outputs 0, 2, 3 of the first byte, 5 of the second
   };
@@ -206,7 +206,7 @@ TEST_F(LedDriverTest, OpenAndShortedLampsAreNamedButNotUnusedOutputs) {
   chip_.registers[0x46] = 0x88;  // outputs 1 and 3 open: 1 has no lamp
   chip_.registers[0x47] = 0x04;  // output 5 shorted
   EXPECT_EQ(driver.value()->check({}), "lamps at the driver's outputs: 3 open, 5 shorted");
-  EXPECT_EQ(chip_.writes.back(), (Bytes{0x81, 0x10})) << "looked for anew";
+  EXPECT_EQ(chip_.writes.back(), (Bytes{0x81, 0x10})) << "looked for again";
   chip_.registers[1] = 0;
   EXPECT_EQ(driver.value()->check({}), "");
 }

@@ -320,7 +320,7 @@ TEST_F(SessionTest, ALineThatHungUpForgetsItsHalfFrame) {
   EXPECT_EQ(session_.pending().size(), 50U);
 }
 
-// A line that takes nothing for a while: what is offered is chosen anew until its first byte went out.
+// A line that takes nothing for a while: what is offered is chosen again until its first byte went out.
 TEST_F(SessionTest, ALineThatWasFullFindsTheNewestAndRepliesFirst) {
   push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, {1, 1});
   session_.poll(1);

@@ -1,4 +1,4 @@
-"""What counts as a touch: the stated rate of false alarms holds for noise drawn anew; what is no rest is refused."""
+"""What counts as a touch: the stated rate of false alarms holds for newly drawn noise; what is no rest is refused."""
 
 from __future__ import annotations
 

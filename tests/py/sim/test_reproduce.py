@@ -146,7 +146,7 @@ def test_runs_go_on_where_they_were_with_the_same_bytes(board, cache, tmp_path):
     again = reproduce(board, out)
     assert (again.n_made, again.n_kept) == (1, 3)
     assert bytes_of(out) == before
-    shutil.rmtree(cache / "ruffini" / "twin" / "runs")  # the mechanics solved anew give the same bytes too
+    shutil.rmtree(cache / "ruffini" / "twin" / "runs")  # the mechanics solved again give the same bytes too
     shutil.rmtree(out / "ball" / "0003")
     reproduce(board, out)
     assert bytes_of(out) == before

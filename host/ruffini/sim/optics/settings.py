@@ -79,8 +79,8 @@ class RgbLeds(_Light):
     led_b_um: Place
     led_g_um: Place
     led_r_um: Place
-    power_1e3: Powers
-    crosstalk_1e3: Annotated[int, Field(ge=0, le=300)]
+    power_1e3: Powers  # B, G, R
+    crosstalk_1e3: Annotated[int, Field(ge=0, le=300)]  # share of each lamp in the camera's other two channels
 
 
 class WhiteRing(_Light):

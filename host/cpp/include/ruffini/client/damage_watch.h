@@ -13,10 +13,13 @@ class DamageWatch {
   bool update(uint64_t n_damaged, double now_s) {
     const bool was_unfit = is_unfit(now_s);
     const uint64_t n_new = n_damaged > n_damaged_ ? n_damaged - n_damaged_ : 0;
-    n_damaged_ = n_damaged;  // a new Decoder counts from 0
+    n_damaged_ = n_damaged;
     if (n_new > 0) last_s_ = {n_new > 1 ? now_s : last_s_[1], now_s};
     return !was_unfit && is_unfit(now_s);
   }
+
+  // Call when a Decoder replaces the last one, since it counts from 0.
+  void begin_decoder() { n_damaged_ = 0; }
 
   [[nodiscard]] bool is_unfit(double now_s) const { return now_s - last_s_[0] < kIntervalS; }
 

@@ -227,7 +227,7 @@ struct Contact {
 // The last squeeze of an object, until the next one. NaN unless VALID; infinite: as hard as a rigid object.
 struct Softness {
   Validity validity = Validity::kNotMeasured;
-  uint32_t squeeze = 0;      // number of squeezes so far: it rises with each result
+  uint32_t squeeze = 0;      // since rest was learned: rises with each result
   uint32_t n_frames = 0;     // of the squeeze
   double modulus_pa = kNaN;  // E / (1 - nu^2)
   double low_pa = kNaN;      // one standard deviation below
