@@ -5,8 +5,8 @@
 
 Of every board of `make hostile`, SIMULATED, with the calibration of that trial: N_FRAMES untouched and as many pressed
 frames. The counts are the same on every run, whatever else the computer does; a check whose memory is slower than its
-instructions is not seen. image/frame_watch is not among them: it is older than the limit. Ends with exit code 1 where the
-checks of one board take more than MOST of the frame, or one that every frame calls was not found.
+instructions is not seen. image/frame_watch is not among them: it is older than the limit. Ends with exit code 1 where
+the checks of one board take more than MOST of the frame, or one that every frame calls was not found.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@
     cmake --build BUILD --target ruffini_one_frame
     tests/bench/instructions.py --binary BUILD/ruffini_one_frame [--functions N] [FOLDER...]
 
-FOLDER: as tests/bench/run.py leaves it in build/bench; if it is missing, the script makes the recordings and calibrations that it needs.
+FOLDER: as tests/bench/run.py leaves it in build/bench; if it is missing, the script makes the recordings and
+calibrations that it needs.
 Three frames are counted: an untouched one, the first of a press and the next one. Loads and cache lines are those of
 the first of a press; the caches are a model (tests/bench/stage_counts.c). All counts are exact and the same on every
 machine. The times are estimates, not measurements: instructions over clock and over

@@ -17,8 +17,8 @@ from ruffini.estimators.softness.model import Grid, Softness, dent_of
 
 N_X, N_Y = 10, 8
 MODEL = Softness(low_n=0.7, high_n=3.0, slope=0.3, rigid=14.0, sigma=0.15, gel_pa=190_000.0)
-# Strengths of the bump: a squeeze, one that ends too early, one that jumps beyond the upper force, and another squeeze, which
-# slackens below the lower force without a release
+# Strengths of the bump: a squeeze, one that ends too early, one that jumps beyond the upper force, and another squeeze,
+# which slackens below the lower force without a release
 STRENGTHS = [0.0, 4.8, 9.0, 14.0, 26.0, 60.0, 20.0, 0.0, 10.0, 0.0, 70.0, 60.0, 0.0, 8.0, 3.0, 12.0, 30.0, 45.0]
 
 
