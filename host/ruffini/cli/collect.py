@@ -109,6 +109,8 @@ def collect(
             raise InputError(f"--view guides along a plan, and program {LOG!r} has none")
         return _by_log(found, settings, out, calibration, options, json_, dry_run=dry_run)
     items = plan(program, span, count, seed, _by_hand(grams, force_n, torque_nmm, normal_n))
+    if program == SCALE and settings is not None:
+        check_weights(items, settings.limits.max_force_n)
     items = [item._replace(hold_s=hold_s) if isinstance(item, Touch) else item for item in items]
     limits = _limits(settings, found, span, ball_mm) if program in BY_STAGE else None
     result: dict[str, Any] = {"file": str(out), "touches": count, "program": program, "simulated": rig == SIMULATED}
@@ -240,6 +242,16 @@ def _reach(settings: RigSettings | None, board: Board) -> tuple[float, float] | 
     from ruffini.demo.twin_session import reach_of
 
     return reach_of(board) if settings is None else settings.limits.reach_m
+
+
+def check_weights(items: list[Any], max_force_n: float) -> None:
+    """Raises InputError where a person would be asked to press more than a limit allows."""
+    from ruffini.rig.units import GRAVITY_M_S2
+
+    heaviest = max(item.grams for item in items)
+    if (force_n := 1e-3 * heaviest * GRAVITY_M_S2) > max_force_n:
+        raise InputError(f"--grams: {heaviest:g} g is a press of {force_n:.1f} N, more than the {max_force_n:g} N of "
+                         "max_force_n: give lighter weights")  # fmt: skip
 
 
 def _limits(settings: RigSettings | None, board: Board, span: Span, ball_mm: float) -> Limits:

@@ -148,6 +148,7 @@ def wrench(
         runs, sort = log_of_videos.runs, features_of(found)
         for line in log_of_videos.remarks:
             note(line)
+        of_videos.check_names(run.recording for run in runs)
         if of_videos.squeeze_n is not None:
             softness = fit_softness(runs, grid_of(found), of_videos.rigid, of_videos.squeeze_n, gel_pa_of(found),
                                     of_videos.modulus_pa)  # fmt: skip

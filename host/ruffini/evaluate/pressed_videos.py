@@ -109,7 +109,7 @@ class Found:
 def evaluate(
     folder: Path, board: Board, columns: VideoColumns, *, peers: bool = True, progress: Progress = lambda _: None
 ) -> Found:
-    """Leave each object out wholly, fit to the others, and judge the board's integers on it.
+    """Leave each object out wholly, fit to the others, and judge the board's integers on it; softness in floats.
 
     Raises
     ------
@@ -123,9 +123,12 @@ def evaluate(
             f"{folder}: videos of {len(names)} objects ({', '.join(names)}): {LEAST_OBJECTS} are needed, since each is "
             "judged by a fit to the others, which leaves one more out to choose its terms"
         )
-    unknown = sorted({name for group in columns.like for name in group} - set(names))
-    if unknown:
-        raise InputError(f"like: there is no recording of {', '.join(unknown)}, only of {', '.join(names)}")
+    columns.check_names(names)
+    if columns.like and len(names) < LEAST_OBJECTS + 1:
+        raise InputError(
+            f"{folder}: videos of {len(names)} objects ({', '.join(names)}): {LEAST_OBJECTS + 1} are needed to compare "
+            "the objects of like, since both are left out of the fit"
+        )
     n_fits = len(names) + sum(len(group) * (len(group) - 1) // 2 for group in columns.like)
     pictures = _small_pictures(folder, board, log.runs) if peers else {}
     closings = list[Judged]()

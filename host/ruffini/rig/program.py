@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.rig.log_file import ACTIVITY, TouchRecord
+from ruffini.rig.placed_weight import MAX_GRAMS
 
 HOLD_S = 0.5  # of a touch, at least
 BORDER = 0.25  # of the window's half side stays untouched: there the camera sees a part of the dent only
@@ -262,8 +263,9 @@ def plan(program: str, span: Span, n: int, seed: int, by_hand: ByHand = ByHand()
         return list(_grid(span, n, rng))
     balls = _balls(span, n, rng)
     if program in ("weights", SCALE):
-        if not by_hand.grams or min(by_hand.grams) <= 0:
-            raise InputError(f"program {program!r} needs weights: give --grams, e.g. 20,50,100")
+        if not by_hand.grams or not all(0 < grams < MAX_GRAMS for grams in by_hand.grams):
+            raise InputError(f"program {program!r} needs weights of more than 0 and less than {MAX_GRAMS:g} g: give "
+                             "--grams, e.g. 20,50,100")  # fmt: skip
         kind = Weight if program == "weights" else ScalePress
         return [kind(b.x_m, b.y_m, by_hand.grams[i % len(by_hand.grams)]) for i, b in enumerate(balls)]
     if program == "free":

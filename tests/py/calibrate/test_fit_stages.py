@@ -162,6 +162,14 @@ def test_what_a_skipped_stage_needs_is_asked_of_the_previous_calibration() -> No
     assert kept_of("contact_model", "wrench").state == "kept"
 
 
+def test_a_kept_wrench_keeps_the_softness_that_was_fitted_with_it() -> None:
+    wedge = find_board("gelsight-wedge")
+    tensors = {"wrench.x": np.zeros(2, np.int32), "softness.map": np.ones(6, np.int32)}
+    job = Job(wedge, [], container.pack(tensors, container.base_metadata(wedge)))
+    assert BY_NAME["wrench"].keep(job).state == "kept"
+    assert job.tensors.keys() == tensors.keys()
+
+
 def only_threshold(
     board: Board,  # noqa: F811
     before: container.CalibrationFile,

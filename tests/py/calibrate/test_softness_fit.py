@@ -113,6 +113,10 @@ def test_what_cannot_be_fitted_is_refused(runs: list[FeatureRun]) -> None:
         fit_softness(runs, GRID, ["steel"], (0.7, 6.0), GEL_PA)
     with pytest.raises(InputError, match="no object was squeezed twice"):
         fit_softness([r for r in runs if r.name.endswith("_0")], GRID, ["steel"], (0.7, 3.0), GEL_PA)
+    with pytest.raises(InputError, match=r"the gel's scale would be .*e\+\d+ Pa, beyond 1 to 1e\+09"):
+        fit_softness(runs, GRID, ["steel"], (0.7, 3.0), GEL_PA, {"foam": 1e11})
+    with pytest.raises(InputError, match="squeeze_n of 1e-09 and 3 N: they must rise from 1e-6 N"):
+        fit_softness(runs, GRID, ["steel"], (1e-9, 3.0), GEL_PA)
 
 
 def test_boards_with_too_few_cells_are_refused() -> None:

@@ -87,6 +87,13 @@ def test_a_dark_frame_of_another_size_is_refused_by_the_core(files: Files) -> No
         Pipeline(files.board, container.pack(tensors, container.base_metadata(files.board)).data)
 
 
+@pytest.mark.parametrize("shape", [(10,), (240, 320)])
+def test_a_dark_table_that_is_no_picture_is_one_sentence(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    presses = load_presses(write_presses(tmp_path / "presses", np.zeros(3)))
+    with pytest.raises(InputError, match=f"an array of {' x '.join(map(str, shape))}, not rows x columns x 3"):
+        presses.less(np.zeros(shape))
+
+
 def write_presses(folder: Path, leak: np.ndarray) -> Path:
     """A ball of 4 mm at 15 px/mm in light that grows with the slope along x in blue and along y in red."""
     folder.mkdir()

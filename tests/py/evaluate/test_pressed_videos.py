@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -84,24 +85,40 @@ def squeezes(folder: Path, name: str, share: float) -> None:
         (folder / f"{name}_{k}.csv").write_text("\n".join(["frame,load", *rows]) + "\n")
 
 
-def test_like_objects_are_told_apart_by_a_fit_to_the_others(tmp_path: Path) -> None:
+def test_like_objects_are_told_apart_by_a_fit_to_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = small_wedge().replace("n_x = 4", "n_x = 10").replace("n_y = 3", "n_y = 8")
     for name, share in {"steel": 1.0, "glass": 1.0, "soft": 0.3, "hard": 0.6, "same": 0.62}.items():
         squeezes(tmp_path, name, share)
     like = (("soft", "hard"), ("hard", "same"))
     columns = replace(COLUMNS, rigid=("steel", "glass"), squeeze_n=(0.7, 3.0), like=like)
+    fitted: dict[str, list[set[str]]] = {"fit_softness": [], "fit_wrench_map": []}
+    for name, seen in fitted.items():
+        real = getattr(pressed_videos, name)
+
+        def spy(runs: Any, *rest: Any, real: Any = real, seen: Any = seen, **named: Any) -> Any:
+            seen.append({run.recording for run in runs})
+            return real(runs, *rest, **named)
+
+        monkeypatch.setattr(pressed_videos, name, spy)
     found = evaluate(tmp_path, parse_board(text.encode(), "small wedge"), columns, peers=False)
+    without = [{"steel", "glass", "same"}, {"steel", "glass", "soft"}]
+    assert fitted["fit_softness"] == without
+    assert fitted["fit_wrench_map"][-2:] == without
     assert list(found.pairs) == [LOAD_CELL, PICTURES]
     for told, alike in found.pairs.values():
         assert (told.softer, told.harder) == like[0]
         assert [len(shares) for shares in told.shares] == [2, 2]
         assert (told.is_told, told.is_right) == (True, True)
         assert told.chance < 0.001
+        swapped = replace(told, softer="hard", harder="soft", shares=told.shares[::-1])
+        assert (swapped.is_told, swapped.is_right) == (True, False)
         assert mean_of(told.shares[0]).log == pytest.approx(np.log2(0.3), abs=0.2)
         assert not alike.is_told
         assert 0.05 < alike.chance <= 0.5
     with pytest.raises(InputError, match="like: there is no recording of sofa"):
         evaluate(tmp_path, parse_board(text.encode(), "small wedge"), replace(columns, like=(("sofa", "hard"),)))
+    with pytest.raises(InputError, match="rigid: there is no recording of glas, only of"):
+        evaluate(tmp_path, parse_board(text.encode(), "small wedge"), replace(columns, rigid=("steel", "glas")))
 
 
 def test_a_peer_is_judged_on_the_same_frames(found: Found) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ruffini.cli.collect import check_weights
 from ruffini.errors import InputError, RefusedError
 from ruffini.rig import by_hand
 from ruffini.rig.found import estimate
@@ -18,6 +19,7 @@ from ruffini.rig.placed_weight import PlacedWeight, grams_of
 from ruffini.rig.program import ByHand, ScalePress, Span, plan
 from ruffini.rig.settings import SCALE_MAX_N, scale_rig
 
+SPAN = Span(0.004, 0.003, 0.001, 0.0)
 PRESS = ScalePress(0.001, -0.002, 200.0)
 
 
@@ -131,9 +133,21 @@ def test_no_file_is_needed() -> None:
     assert reference.facts.axes == ("fz",)
     assert reference.facts.sigma[2] == pytest.approx(0.0196, abs=1e-4)
     grams = (50.0, 100.0)
-    items = plan("scale", Span(0.004, 0.003, 0.001, 0.0), 3, 1, ByHand(grams))
+    items = plan("scale", SPAN, 3, 1, ByHand(grams))
     assert [item.grams for item in items if isinstance(item, ScalePress)] == [50.0, 100.0, 50.0]
     assert settings.limits.max_force_n == SCALE_MAX_N
+
+
+@pytest.mark.parametrize("grams", [(), (0.0,), (50.0, float("nan")), (float("inf"),), (2e4,)])
+def test_weights_that_nobody_can_press_are_refused(grams: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="needs weights of more than 0 and less than 20000 g"):
+        plan("scale", SPAN, 3, 1, ByHand(grams))
+
+
+def test_a_weight_beyond_the_force_limit_is_refused_before_anything_is_pressed() -> None:
+    check_weights(plan("scale", SPAN, 3, 1, ByHand((20.0, 200.0))), 10.0)
+    with pytest.raises(InputError, match=r"--grams: 2000 g is a press of 19.6 N, more than the 10 N"):
+        check_weights(plan("scale", SPAN, 3, 1, ByHand((20.0, 2000.0))), 10.0)
 
 
 def asked(*keys: bytes) -> tuple[str, list[str]]:

@@ -212,8 +212,9 @@ const KIND_WORDS = ["", "planar", "hertzian"];
 
 function ofSqueeze(s: Softness | undefined): string {
   if (!s || s.nFrames === 0 || Number.isNaN(s.modulusPa)) return "";
-  const kPa = (pa: number): string => (pa === Infinity ? "rigid" : short(pa * 1e-3));
-  return `. Last object squeezed: ${kPa(s.modulusPa)} kPa (${kPa(s.lowPa)} to ${kPa(s.highPa)})`;
+  const kPa = (pa: number): string => `${short(pa * 1e-3)} kPa`;
+  const range = s.highPa === Infinity ? `at least ${kPa(s.lowPa)}` : `${kPa(s.lowPa)} to ${kPa(s.highPa)}`;
+  return `. Last object squeezed: ${s.modulusPa === Infinity ? "as hard as a rigid one" : kPa(s.modulusPa)}, ${range}`;
 }
 
 function ofTool(t: ToolTouch, { perN, name }: Unit): string[] {

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,11 +40,16 @@ from ruffini.rig.units import force_factor
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 SAID_ZERO = 0.01  # of the largest reading: a load cell's zero beyond it is said
+MAX_NUMBER = 1e12
 SUFFIXES = (".avi", ".mp4", ".mkv", ".mov")
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) >= MAX_NUMBER
+
+
+def _is_jump(value: Any) -> bool:
+    return _is_number(value) or value == float("inf")
 
 
 def _are_names(value: Any) -> bool:
@@ -57,7 +62,8 @@ def _is_range(value: Any) -> bool:
 
 _TEXT: tuple[Callable[[Any], bool], str] = (lambda value: isinstance(value, str), "text")
 _CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "force": _TEXT, "unit": _TEXT, "frame": _TEXT, "recording": _TEXT, "largest_jump": (_is_number, "a number"),
+    "force": _TEXT, "unit": _TEXT, "frame": _TEXT, "recording": _TEXT,
+    "largest_jump": (_is_jump, "a number"),
     "rigid": (_are_names, "a list of names of objects"), "squeeze_n": (_is_range, "two rising forces above zero, N"),
     "modulus_pa": (lambda value: isinstance(value, dict) and all(_is_number(v) and v > 0 for v in value.values()),
                    "a table of moduli above zero, Pa"),
@@ -84,7 +90,7 @@ class VideoColumns:
         """Read the mapping file; raises InputError where it is not one."""
         try:
             file = tomllib.loads(readable(path).read_text())
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path}: cannot be read: {error}") from error
         for name, value in file.items():
             if name not in _CHECKS:
@@ -96,6 +102,8 @@ class VideoColumns:
             raise InputError(f"{path}: force is not named: which column of the CSV files is it?")
         if "rigid" in file and "squeeze_n" not in file:
             raise InputError(f"{path}: rigid needs squeeze_n, the two forces between which a squeeze is judged")
+        if doubled := [group for group in file.get("like", []) if len(set(group)) < len(group)]:
+            raise InputError(f"{path}: like names an object twice in one group: {', '.join(doubled[0])}")
         if not file.get("rigid") and (without := sorted({"squeeze_n", "modulus_pa", "like"} & file.keys())):
             raise InputError(f"{path}: {without[0]} needs rigid, the names of rigid objects")
         made = cls(**{**file, "rigid": tuple(file.get("rigid", ())),
@@ -111,6 +119,13 @@ class VideoColumns:
         if made.recording and n_groups < 1:
             raise InputError(f"{path}: recording {made.recording!r} has no group: put what is the object into (...)")
         return made
+
+    def check_names(self, recorded: Iterable[str]) -> None:
+        """Raises InputError where rigid, modulus_pa or like names an object of which there is no recording."""
+        known = sorted(set(recorded))
+        for key, names in (("rigid", self.rigid), ("modulus_pa", self.modulus_pa), ("like", sum(self.like, ()))):
+            if unknown := sorted(set(names) - set(known)):
+                raise InputError(f"{key}: there is no recording of {', '.join(unknown)}, only of {', '.join(known)}")
 
 
 class VideoLog(NamedTuple):

@@ -81,8 +81,8 @@ def gates_of_forces(board: Board, log: TouchLog, now: Judged, previous: Judged |
     if previous is not None:
         ratio = error / max(force_rmse_n(log, previous.wrench), 1e-9)
         gates.append(at_most("against the previous", ratio, MAX_WORSE, "times the previous calibration's error"))
-    if len(now.rest_n):
-        axes = [i for i, axis in enumerate("xyz") if f"force_{axis}" not in board.board.not_measured]
+    axes = [i for i, axis in enumerate("xyz") if f"force_{axis}" not in board.board.not_measured]
+    if len(now.rest_n) and axes:
         quiet = float(np.percentile(np.linalg.norm(now.rest_n[:, axes], axis=1), 99))
         of = "" if len(axes) == len("xyz") else f" along {' and '.join('xyz'[i] for i in axes)}"
         gates.append(at_most("rest", quiet, MAX_REST_N, f"N said of untouched frames{of}, 99th percentile"))

@@ -87,6 +87,10 @@ class PressSet:
         InputError
             The presses are of another size.
         """
+        if dark is not None and (dark.ndim != 3 or dark.shape[2] != 3):
+            shape = " x ".join(map(str, dark.shape))
+            raise InputError(f"the dark frame is an array of {shape}, not rows x columns x 3: measure it again with "
+                             "`ruffini cal fit --only dark`")  # fmt: skip
         if dark is not None and dark.shape != self.reference.shape:
             (height, width), (dark_height, dark_width) = self.reference.shape[:2], dark.shape[:2]
             raise InputError(

@@ -25,6 +25,7 @@ Array = npt.NDArray[np.float64]
 RIM, BLOCKS, CHANNELS = 2, 6, 3  # cells, blocks, planes: those of firmware/stages/softness/softness.h
 HARDEST = 0.9  # share of a rigid object's curvature from which on an object cannot be told from it
 LEAST_SIGMA = 0.05  # octaves: few repeated squeezes may agree by chance
+MAX_FORCE_UN, MAX_GEL_PA = 1 << 30, 1_000_000_000  # of firmware/stages/softness/softness.cpp
 MICRO, ONE, LN2 = 1e6, 65536.0, float(np.log(2.0))
 Z = 2  # axis of the force
 
@@ -186,8 +187,14 @@ def fit_softness(
         for value in level.get(name, [])
         if value - rigid_level < np.log2(HARDEST)
     ]
-    return Softness(low_n, high_n, slope, rigid_level, max(sqrt(variance), LEAST_SIGMA),
-                    float(2.0 ** np.mean(scale)) if scale else gel_pa)  # fmt: skip
+    found = float(2.0 ** np.mean(scale)) if scale else gel_pa
+    if not 1 <= found <= MAX_GEL_PA:
+        raise InputError(f"softness: the gel's scale would be {found:g} Pa, beyond 1 to {MAX_GEL_PA:g}: are the moduli "
+                         "of modulus_pa in Pa?")  # fmt: skip
+    if not 1 <= round(low_n * MICRO) < round(high_n * MICRO) <= MAX_FORCE_UN:
+        raise InputError(f"softness: squeeze_n of {low_n:g} and {high_n:g} N: they must rise from 1e-6 N to at most "
+                         f"{MAX_FORCE_UN / MICRO:.0f} N")  # fmt: skip
+    return Softness(low_n, high_n, slope, rigid_level, max(sqrt(variance), LEAST_SIGMA), found)
 
 
 def mean_of(shares: Sequence[Share]) -> Share:

@@ -53,7 +53,7 @@ class WrenchEstimator(Estimator):
     """The wrench as a map of features."""
 
     name = "wrench"
-    kinds = ("wrench",)
+    kinds = ("wrench", "softness")  # of squeezes in the same videos
     is_reported = True
     needed = ("wrench",)
     task = TASK
