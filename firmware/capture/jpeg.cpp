@@ -14,7 +14,6 @@ struct JpegDecoder::State {
   jpeg_error_mgr errors{};
   std::jmp_buf way_out{};
   bool is_damaged = false;
-  bool is_created = false;
 
   static State& of(j_common_ptr image) { return *static_cast<State*>(image->client_data); }
 
@@ -30,24 +29,20 @@ struct JpegDecoder::State {
     if (!is_filling) of(image).is_damaged = true;
   }
 
-  bool create() {
+  // The library keeps the tables of one picture for the next: each frame has a decompressor of its own.
+  bool decode_rows(const uint8_t* data, size_t n_bytes, int width, int height, uint8_t* out) {
+    image = {};
     image.err = jpeg_std_error(&errors);
     errors.error_exit = fail;
     errors.emit_message = warn;
     errors.output_message = [](j_common_ptr) {};
     image.client_data = this;
-    if (setjmp(way_out) != 0) return false;  // NOLINT(cert-err52-cpp): libjpeg has no other way
-    jpeg_create_decompress(&image);
-    is_created = true;
-    return true;
-  }
-
-  bool decode_rows(const uint8_t* data, size_t n_bytes, int width, int height, uint8_t* out) {
     is_damaged = false;
-    if (setjmp(way_out) != 0) {  // NOLINT(cert-err52-cpp)
-      jpeg_abort_decompress(&image);
+    if (setjmp(way_out) != 0) {  // NOLINT(cert-err52-cpp): libjpeg has no other way
+      jpeg_destroy_decompress(&image);
       return false;
     }
+    jpeg_create_decompress(&image);
     jpeg_mem_src(&image, data, n_bytes);
     jpeg_read_header(&image, TRUE);
     // A camera sends one scan. With several scans a few bytes could demand minutes of work.
@@ -55,7 +50,7 @@ struct JpegDecoder::State {
                            image.image_height == static_cast<JDIMENSION>(height) &&
                            jpeg_has_multiple_scans(&image) == 0;
     if (!is_wanted) {
-      jpeg_abort_decompress(&image);
+      jpeg_destroy_decompress(&image);
       return false;
     }
     image.out_color_space = JCS_EXT_BGR;
@@ -66,19 +61,17 @@ struct JpegDecoder::State {
       jpeg_read_scanlines(&image, &row, 1);
     }
     if (!is_damaged) jpeg_finish_decompress(&image);
-    jpeg_abort_decompress(&image);
+    jpeg_destroy_decompress(&image);
     return !is_damaged;
   }
 };
 
-JpegDecoder::JpegDecoder() : state_(std::make_unique<State>()) { state_->create(); }
+JpegDecoder::JpegDecoder() : state_(std::make_unique<State>()) {}
 
-JpegDecoder::~JpegDecoder() {
-  if (state_->is_created) jpeg_destroy_decompress(&state_->image);
-}
+JpegDecoder::~JpegDecoder() = default;
 
 bool JpegDecoder::decode(const uint8_t* data, size_t n_bytes, int width, int height, uint8_t* out) {
-  return state_->is_created && n_bytes > 0 && state_->decode_rows(data, n_bytes, width, height, out);
+  return n_bytes > 0 && state_->decode_rows(data, n_bytes, width, height, out);
 }
 
 }  // namespace ruffini

@@ -88,6 +88,38 @@ TEST(Jpeg, DamageNeverCrashesAndTheNextFrameIsWhole) {
   EXPECT_EQ(cv::norm(ours, theirs, cv::NORM_INF), 0);
 }
 
+// A JPEG file without its segments of the kind `marker`.
+std::vector<uint8_t> without_segments(std::vector<uint8_t> bytes, uint8_t marker) {
+  for (size_t i = 0; i + 3 < bytes.size();) {
+    if (bytes[i] != 0xff || bytes[i + 1] != marker) {
+      ++i;
+      continue;
+    }
+    const size_t size = 2 + (size_t{bytes[i + 2]} << 8 | bytes[i + 3]);
+    bytes.erase(bytes.begin() + static_cast<ptrdiff_t>(i), bytes.begin() + static_cast<ptrdiff_t>(i + size));
+  }
+  return bytes;
+}
+
+constexpr uint8_t kHuffmanTables = 0xc4;
+constexpr uint8_t kQuantizationTables = 0xdb;
+
+TEST(Jpeg, AFrameIsDecodedWithNoTablesOfTheFrameBefore) {
+  const std::vector<uint8_t> fine = encoded(picture(), {cv::IMWRITE_JPEG_QUALITY, 95, cv::IMWRITE_JPEG_OPTIMIZE, 1});
+  JpegDecoder decoder;
+  cv::Mat ours;
+
+  // Many USB cameras leave out the Huffman tables: the standard's are meant.
+  const std::vector<uint8_t> bare = without_segments(encoded(picture()), kHuffmanTables);
+  ASSERT_TRUE(decodes(decoder, fine, ours));
+  ASSERT_TRUE(decodes(decoder, bare, ours));
+  EXPECT_EQ(cv::norm(ours, cv::imdecode(encoded(picture()), cv::IMREAD_COLOR), cv::NORM_INF), 0);
+
+  const std::vector<uint8_t> without = without_segments(encoded(picture()), kQuantizationTables);
+  ASSERT_TRUE(decodes(decoder, fine, ours));
+  EXPECT_FALSE(decodes(decoder, without, ours)) << "there are no standard quantization tables";
+}
+
 TEST(Jpeg, OtherSizesAndProgressiveOnesAreRefused) {
   JpegDecoder decoder;
   cv::Mat ours;
