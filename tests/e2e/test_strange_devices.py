@@ -35,7 +35,7 @@ def test_a_device_without_a_sensor(tmp_path: Path, words: tuple[str, ...]) -> No
 
 
 def test_a_snapshot_without_a_picture_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ruffini.device.connection.SILENCE_S", 0.1)
+    monkeypatch.setattr("ruffini.device.connection.IMAGE_S", 0.1)
     with told() as device:  # fields come without end
         done = run_ruffini("snapshot", "--out", tmp_path / "a.png", port=device.port)
     assert (done.code, refusal_in(done.err)) == (
@@ -181,3 +181,31 @@ def test_a_zero_waits_for_its_end(learning: range, event: str | None, code: int,
     assert done.code == code
     assert said in (done.out if code == 0 else refusal_in(done.err))
     assert zeros() == 1
+
+
+class Busy(ToldSensor):
+    """Answers only the fifth HELLO; sends a frame at each one before it if it `talks`."""
+
+    def __init__(self, *, talks: bool) -> None:
+        board = find_board("gelslim")
+        super().__init__([info_of(board)], told_field(board.grid.n_x, board.grid.n_y), rate_hz=None)
+        self._talks, self.n_asked = talks, 0
+
+    def _answer(self, frame: Any) -> None:
+        if SCHEMA.type_name(frame.type) == "HELLO":
+            self.n_asked += 1
+            if self.n_asked < 5:
+                if self._talks:
+                    self._send_frame()
+                return
+        super()._answer(frame)
+
+
+def test_a_busy_sensor_that_sends_is_asked_longer() -> None:
+    with Busy(talks=True) as device, Connection(device.port, hello_timeout_s=1.5) as host:
+        assert host.serial_number == "told"
+    with (
+        Busy(talks=False) as device,
+        pytest.raises(NoDeviceError, match="nothing answers HELLO"),
+    ):
+        Connection(device.port, hello_timeout_s=0.06)

@@ -180,7 +180,7 @@ def snapshot(
     from ruffini.boards import parse_board
     from ruffini.demo.pictures import field_over_frame
     from ruffini.demo.view import node_pixels
-    from ruffini.device.connection import SILENCE_S
+    from ruffini.device.connection import IMAGE_S, SILENCE_S
     from ruffini.device.results import INVALID, NOT_MEASURED, RESULTS, VALID
     from ruffini.errors import NoDeviceError
 
@@ -188,7 +188,7 @@ def snapshot(
         sensor.subscribe(field=1, image=1)
         board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
         got: dict[str, dict[int, Any]] = {"FIELD": {}, "IMAGE": {}}
-        end_s = time.monotonic() + 3 * SILENCE_S  # an image takes seconds on a slow line
+        end_s = time.monotonic() + IMAGE_S
         for frame, message in sensor.stream(timeout_s=SILENCE_S):
             name = sensor.schema.type_name(frame.type)
             if time.monotonic() > end_s:

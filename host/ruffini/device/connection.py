@@ -23,11 +23,13 @@ from ruffini.wire import Decoder, Frame, Schema, encode_message
 from ruffini.wire.damage import DamageWatch
 
 HELLO_TIMEOUT_S = 2.0
+BUSY_HELLO_S = 20.0  # a busy device may answer late; it is asked so long while it sends messages
 REPLY_TIMEOUT_S, TRIES = 0.5, 12
 RETRIES = 3
 REOPEN_PAUSE_S = 0.02
 REOPEN_HELLO_S = 0.6  # a sensor that was just plugged in answers, or the next try will
 SILENCE_S = 5.0  # without a frame: the camera has stalled
+IMAGE_S = 3 * SILENCE_S  # without an image, which takes seconds on a slow line
 MAX_TURN_S = 0.5  # an iteration of a stream waits 20 ms for bytes; a longer one was suspended or did other work
 MAX_ASKED = 4096  # pending time exchanges
 YOUNG_TYPES = ("learned", "residual")  # message types that older firmware lacks
@@ -294,8 +296,10 @@ class Connection:
         number = self.schema.type_numbers["HELLO"]
         while self.messages.take(lambda frame, _: frame.type == number) is not None:
             pass
-        for _ in range(tries):
+        start_s, n_before, n_asked = time.monotonic(), self.messages.n_added, 0
+        while n_asked < tries or (self.messages.n_added > n_before and time.monotonic() - start_s < BUSY_HELLO_S):
             self._send("HELLO")
+            n_asked += 1
             hello = self._wait_for("HELLO", timeout_s / tries, lambda m: True)
             if hello is not None:
                 if not hello.sensors:
