@@ -89,7 +89,7 @@ def read(text: str) -> dict[str, dict[tuple[str, str], Line]]:
     modules: dict[str, dict[tuple[str, str], Line]] = {}
     lines: dict[tuple[str, str], Line] = {}
     for row in text.splitlines():
-        if heading := re.match(r"## (\w+):", row):
+        if heading := re.match(r"## (\w+)", row):
             lines = modules.setdefault(heading[1], {})
         cells = [cell.strip() for cell in row.strip("|").split("|")]
         if len(cells) == len(COLUMNS) and cells[2].isdigit():
@@ -122,7 +122,7 @@ def written(modules: dict[str, dict[tuple[str, str], Line]], what: dict[str, str
     out = [HEADER.format(machine=run.machine)]
     for name, description in what.items():
         if lines := modules.get(name):
-            out.append(f"## {name}: {description}\n")
+            out.append(f"## {name}\n\n{description[0].upper()}{description[1:]}.\n")
             out.append("| " + " | ".join(COLUMNS) + " |\n" + "| --- " * len(COLUMNS) + "|")
             out.append("\n".join(line.text() for line in lines.values()) + "\n")
     return "\n".join(out)
