@@ -30,6 +30,9 @@ COLUMNS = (
     "date",
 )
 NONE, CHANGED = "-", " changed"
+# The code that the cases run: commits of anything else change no figure.
+JUDGED = ("firmware", "host/ruffini", "boards", "tests/hostile", "tests/bench/false_flags.py", ":!*.md")
+
 HEADER = """# Hostile cases: wrong forces and lost data
 
 **Simulated.** Command: `make hostile`, which writes this file, row by row. `HOSTILE='--only punches --seed 7'` renews a
@@ -70,13 +73,13 @@ class Line:
 
 
 def commit() -> str:
-    """The checkout's commit; "changed" behind it if files other than documents differ."""
+    """The last commit of JUDGED, with CHANGED behind it if one of its files differs."""
 
     def git(*words: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
+        return subprocess.run(["git", *words, "--", *JUDGED], cwd=ROOT, capture_output=True, text=True, check=False)
 
-    name = git("rev-parse", "--short=8", "HEAD").stdout.strip() or "unknown"
-    return name if git("diff", "--quiet", "HEAD", "--", ".", ":!*.md").returncode == 0 else name + CHANGED
+    name = git("log", "-1", "--format=%h", "--abbrev=8").stdout.strip() or "unknown"
+    return name if git("diff", "--quiet", "HEAD").returncode == 0 else name + CHANGED
 
 
 def machine() -> str:
@@ -106,14 +109,15 @@ def with_row(before: Line | None, row: Row, seed: int, run: Run) -> Line:
                 run.date)  # fmt: skip
     if before is None or before.commit != run.commit or run.commit.endswith(CHANGED):
         return line
-    if str(seed) in before.seeds.split(", "):
+    seeds = before.seeds.split(", ")
+    if str(seed) in seeds:
         return before
     numbers = [[int(v) for v in re.findall(r"\d+", text)] or [0, 0] for text in (before.flagged, flagged)]
     n_flagged, n_good = (a + b for a, b in zip(*numbers, strict=True))
     return replace(
         line, tried=before.tried + line.tried, right=before.right + line.right, wrong=before.wrong + line.wrong,
         worst=max(before.worst, worst, key=lambda v: 0.0 if v == NONE else float(v.split()[0])),
-        flagged=f"{n_flagged} of {n_good}" if n_good else NONE, seeds=f"{before.seeds}, {seed}",
+        flagged=f"{n_flagged} of {n_good}" if n_good else NONE, seeds=", ".join(sorted([*seeds, str(seed)], key=int)),
     )  # fmt: skip
 
 
