@@ -153,8 +153,8 @@ mutants: build  ## seeded bugs in firmware, host and page: each must be seen by 
 	@$(PYTHON) tests/mutants/run.py --build $(BUILD) $(if $(TURN),--turn $(TURN)) --tests-that-never-caught $(BUILD)/idle_tests.txt
 
 HOSTILE ?=
-hostile: build  ## own hostile cases, SIMULATED: camera faults and more; prints tried, right, wrong and the worst unmarked force. HOSTILE='--quick --only pictures'
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/hostile/run.py $(HOSTILE)
+hostile: build  ## own hostile cases, SIMULATED: camera faults and more; writes docs/results/hostile.md. HOSTILE='--quick --only pictures'
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/hostile/run.py --table docs/results/hostile.md $(HOSTILE)
 
 DATA ?= $(RUFFINI_RECORDED_DATA)
 real: build  ## one table and a page of what was measured on recordings of real sensors in DATA=FOLDER, with peers on the same rows

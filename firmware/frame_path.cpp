@@ -62,7 +62,9 @@ void FramePath::watch(const FrameView& frame) {
   const PixelStatistics::Defects pixels = picture_watch_.pixels.run(frame, state_.light.gain);
   const bool has_blocks = picture_watch_.blocks.run(frame);
   if (seen.is_broken || pixels.is_coarse || has_blocks) state_.flags |= kFlagPicture;
-  if (writes(Slot::kSlope) && pixels.is_off_curve) state_.flags |= kFlagLight;  // colours become slopes
+  // Colours become slopes, and a level decides the area of a target.
+  const bool needs_curve = writes(Slot::kSlope) || writes(Slot::kTargets);
+  if (needs_curve && pixels.is_off_curve) state_.flags |= kFlagLight;
   if (seen.is_light_wrong) state_.flags |= kFlagLight;
   pipeline_.charge(Slot::kDifference, clock_() - start);
 }

@@ -51,10 +51,7 @@ bool SpreadCheck::is_explained(std::span<const int16_t> u, std::span<const NodeF
       explained += spread_[3 * i + axis] * std::clamp<int64_t>(steps[axis], -kMaxForce, kMaxForce);
     }
   }
-  if (has_force) {
-    const int64_t limit = is_pressed ? kPressedHalves * limit_ / 2 : limit_;
-    return std::abs(seen - explained) <= limit + (kShareQ8 * all >> 8);
-  }
+  if (has_force && is_pressed) return std::abs(seen - explained) <= kPressedHalves * limit_ / 2 + (kShareQ8 * all >> 8);
   return std::abs(seen) <= std::min(limit_ + (kShareQ8 * odd_part(u) >> 8), std::max(limit_, all) / 2);
 }
 

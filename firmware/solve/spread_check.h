@@ -4,15 +4,16 @@
 // displacement and f the forces minus the finite-strain part, the linear pad u = C f gives
 //
 //   seen      = sum p . u               explained = sum q . f,  q = C^T p  (`support.spread`)
-//   unexplained if |seen - explained| > limit + 1/8 sum |p . u|                                      with forces
-//                  |seen| > min(limit + 1/8 sum |p . (u - u')|, max(limit, sum |p . u|) / 2)         without any
-//   limit       `support.spread_limit`; 5/2 of that if a node presses (ContactMask::is_pressed), as faint touches
-//               begin
+//   unexplained if |seen - explained| > 5/2 limit + 1/8 sum |p . u|                                  if a node presses
+//                  |seen| > min(limit + 1/8 sum |p . (u - u')|, max(limit, sum |p . u|) / 2)         otherwise
+//   limit       `support.spread_limit`
+//   presses     ContactMask::is_pressed, and the second pass found a force
 //   u'          u at the node opposite the pad's centre; the sum is over pairs: a shift of the whole picture cancels
 //
-// Without forces there is no model error to allow for: noise moves the nodes at random, a load moves all of them
-// outwards. On a twin |seen| / sum |p . u| is 0.08 (standard deviation) at rest and 0.6 to 1 under a load of
-// 0.1 N that causes no force.
+// If no node presses, `explained` is ignored. A plate wider than the pad opens single nodes, and the second pass then
+// finds small forces there that spread the surface as the plate does: 0.2 N explained 0.8 N. There is then no
+// model error to allow for: noise moves the nodes at random, a load moves all of them outwards. On a twin
+// |seen| / sum |p . u| is 0.08 (standard deviation) at rest and 0.6 to 1 under a load of 0.1 N that causes no force.
 //
 // A punch so wide that its pressure stays below the contact threshold moves the surface around it by many times the
 // noise. A plate wider than the pad only comes closer to the camera; perspective shows the same motion, and so does a
@@ -50,8 +51,8 @@ class SpreadCheck {
   [[nodiscard]] static Result<SpreadCheck> load(const Calibration& calibration, GridSize nodes,
                                                 std::span<const NodePlace> places);
 
-  // `u`: xyz interleaved. `beyond`: finite-strain part of `force`, or empty. `is_pressed`: the linear estimate presses
-  // at some node (ContactMask::is_pressed).
+  // `u`: xyz interleaved. `beyond`: finite-strain part of `force`, or empty. `is_pressed`:
+  // ContactMask::is_pressed of the linear estimate.
   [[nodiscard]] bool is_explained(std::span<const int16_t> u, std::span<const NodeForce> force,
                                   std::span<const NodeForce> beyond, bool is_pressed) const;
 

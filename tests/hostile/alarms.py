@@ -16,7 +16,7 @@ from pathlib import Path
 
 from calibrations import calibration
 from pictures import BOARDS
-from row import Row
+from row import Row, Wanted
 
 from ruffini.boards import find_board
 
@@ -27,20 +27,20 @@ N_FRAMES, N_QUICK = 20_000, 1_000  # of each board
 MOST = 1e-4
 
 
-def rows(seed: int, quick: bool) -> Iterator[Row]:
+def rows(seed: int, quick: bool, is_wanted: Wanted) -> Iterator[Row]:
     """A row for each board: 1 wrong where its good frames are flagged too often."""
     n = N_QUICK if quick else N_FRAMES
-    for name in BOARDS:
+    for name in filter(is_wanted, BOARDS):
         try:
             file = calibration(name)
         except subprocess.CalledProcessError as error:
-            yield Row(name, 0, 0, 0, note=f"not tried: no calibration, {shlex.join(error.cmd[3:])} failed")
+            yield Row(name, "none", 0, 0, 0, note=f"not tried: no calibration, {shlex.join(error.cmd[3:])} failed")
             continue
         result = measure(find_board(name), file, n, seed)
         good = [s for s in result["of_state"] if s["over_range"] < s["flagged"] or 2 * s["over_range"] < s["frames"]]
         n_flagged, n_good = (sum(s[key] for s in good) for key in ("flagged", "frames"))
         n_beyond = len(result["of_state"]) - len(good)
         is_rare = n_flagged <= MOST * n_good
-        yield Row(name, 1, int(is_rare), int(not is_rare),
-                  note=f"{n_flagged} of {n_good} good frames flagged, all masks {result['by_mask']}"
+        yield Row(name, "good frames", 1, int(is_rare), int(not is_rare), n_good=n_good, n_flagged=n_flagged,
+                  note=f"all masks {result['by_mask']}"
                   + (f"; {n_beyond} states beyond the calibration left out" if n_beyond else ""))  # fmt: skip

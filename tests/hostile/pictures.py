@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from calibrations import calibration
-from row import Row
+from row import Row, Wanted
 
 from ruffini.bench import picture_faults as faults
 from ruffini.boards import find_board
@@ -63,6 +63,7 @@ BOARDS = {
     "ftouch": Press(4, (3e-3, 6e-3), (0.3e-3, 0.9e-3)),
     "contact-glitter": Press(4, (4e-3, 9e-3), (0.6e-3, 1.8e-3)),
     "stereo-fingertip": Press(4, (4e-3, 9e-3), (0.4e-3, 1.2e-3)),
+    "stereo-fingertip-thick": Press(4, (4e-3, 9e-3), (0.8e-3, 2.4e-3)),
     "eltac": Press(3, (8e-3, 15e-3), (1.2e-3, 2.4e-3), (2e-3, 4e-3), (-36e-3, 5e-3), 0.0, 0.0),
 }
 # How often each kind of fault is tried on a board: gelslim measures most, and has all of the frame path's stages.
@@ -241,10 +242,10 @@ class Tally:
             self.notes.append(f"{label}: {worst_n:.2f} N")
 
 
-def rows(seed: int, quick: bool) -> Iterator[Row]:
+def rows(seed: int, quick: bool, is_wanted: Wanted) -> Iterator[Row]:
     """A row for each kind of fault on each board."""
-    for name, press in BOARDS.items():
-        yield from board_rows(name, press, seed, quick)
+    for name in filter(is_wanted, BOARDS):
+        yield from board_rows(name, BOARDS[name], seed, quick)
 
 
 def board_rows(name: str, press: Press, seed: int, quick: bool) -> Iterator[Row]:
@@ -252,7 +253,7 @@ def board_rows(name: str, press: Press, seed: int, quick: bool) -> Iterator[Row]
     try:
         file = calibration(name)
     except subprocess.CalledProcessError as error:
-        yield Row(name, 0, 0, 0, note=f"not tried: no calibration, {shlex.join(error.cmd[3:])} failed")
+        yield Row(name, "none", 0, 0, 0, note=f"not tried: no calibration, {shlex.join(error.cmd[3:])} failed")
         return
     unit = build_unit(find_board(name))
     n_cases = 2 if quick else CASES.get(name, USUAL_CASES)
@@ -273,7 +274,7 @@ def board_rows(name: str, press: Press, seed: int, quick: bool) -> Iterator[Row]
             if _is_right(show, rest, state):
                 pressed.append(state)
         if not pressed:
-            yield Row(f"{name}", 1, 0, 1, note="no pressed state whose good frames are right")
+            yield Row(name, "pressed states", 1, 0, 1, note="no pressed state whose good frames are right")
             return
         for k, (kind, draw) in enumerate(KINDS.items()):
             if kind.startswith(UNTOLD.get(name, "-")):
@@ -286,7 +287,7 @@ def board_rows(name: str, press: Press, seed: int, quick: bool) -> Iterator[Row]
                 before = pressed[int(rng.integers(len(pressed)))] if i % 2 else rest
                 _sequence(show, rest, now, before, label, case, kind.startswith("old"), rng, tally)
             note = f"{len(pressed)} states; " + "; ".join(tally.notes[:N_NOTES])
-            yield Row(f"{name} {kind}", tally.tried, tally.tried - tally.wrong, tally.wrong, tally.worst_n, note)
+            yield Row(name, kind, tally.tried, tally.tried - tally.wrong, tally.wrong, tally.worst_n, note=note)
         rng = np.random.default_rng([seed, len(KINDS), *name.encode()])
         yield _zero_row(name, pipeline, show, rest, pressed, rng, 2 * n_cases)
 
@@ -308,8 +309,8 @@ def _zero_row(
         pipeline.zero(0)
         for _ in range(pipeline.board.pipeline.n_rest_frames + N_GOOD):
             show(rest.frame())
-    return Row(f"{name} rest: zeroed with a press in it", tally.tried, tally.tried - tally.wrong, tally.wrong,
-               tally.worst_n, f"{len(pressed)} states; " + "; ".join(tally.notes[:N_NOTES]))  # fmt: skip
+    return Row(name, "rest: zeroed with a press in it", tally.tried, tally.tried - tally.wrong, tally.wrong,
+               tally.worst_n, note=f"{len(pressed)} states; " + "; ".join(tally.notes[:N_NOTES]))  # fmt: skip
 
 
 def _is_right(show: Show, rest: State, state: State) -> bool:

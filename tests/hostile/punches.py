@@ -3,8 +3,8 @@
 A case is a frame of one press after frames of the untouched pad. It is wrong where a force component that it calls
 VALID, without any flag, is off the truth by more than 0.1 N and 10 % of the true force. On gelslim's linear pad one
 contact is solved for each place of a face and scaled to the forces drawn: a flat face touches all of itself at once, so
-displacement and force grow together. On boards with a sprung tray each depth is solved. The note of a row says how many
-forces were right and flagged all the same: what the promise costs.
+displacement and force grow together. On boards with a sprung tray each depth is solved. A row counts how many
+right forces are flagged all the same: the cost of the promise.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from calibrations import calibration
-from row import Row
+from row import Row, Wanted
 
 from ruffini.boards import find_board
 from ruffini.core import Pipeline
@@ -34,7 +34,7 @@ LEAST_N, SHARE = 0.1, 0.1
 UNCALIBRATED, VALID = 2 | 4, 1
 FORCES_N, DEEPEST_M, SOLVED_M = (0.05, 15.0), 1.0e-3, 0.2e-3
 MM = 1e-3
-TRAY_BOARDS = ("ftouch",)
+PAD, TRAY_BOARDS = "gelslim", ("ftouch",)
 TRAY_DEPTHS_M = (0.02e-3, 0.9e-3)
 ZERO_FRAMES = (0, 8, 40)
 
@@ -91,11 +91,10 @@ def outcome(frame: Frame, truth_n: Array) -> Outcome:
     return Outcome(error, error <= max(LEAST_N, SHARE * float(np.linalg.norm(truth_n))), is_flagged)
 
 
-def _row(group: str, outcomes: list[Outcome]) -> Row:
+def _row(board: str, family: str, outcomes: list[Outcome]) -> Row:
     wrong = [o.error_n for o in outcomes if not (o.is_near or o.is_flagged)]
-    n_right_flagged = sum(o.is_near and o.is_flagged for o in outcomes)
-    return Row(group, len(outcomes), len(outcomes) - len(wrong), len(wrong), max(wrong, default=0.0),
-               f"{n_right_flagged} right and flagged")  # fmt: skip
+    return Row(board, family, len(outcomes), len(outcomes) - len(wrong), len(wrong), max(wrong, default=0.0),
+               sum(o.is_near for o in outcomes), sum(o.is_near and o.is_flagged for o in outcomes))  # fmt: skip
 
 
 def _solved(unit: TwinUnit, face: Face) -> tuple[Array, Array] | None:
@@ -116,10 +115,10 @@ class _Pad:
     """A linear pad under the core, at rest to begin with."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self.board, self.rng = find_board("gelslim"), rng
+        self.board, self.rng = find_board(PAD), rng
         self.unit = TwinUnit.build(self.board, PadError(**DEMO_ERROR))
         self.renderer = self.unit.renderer()
-        self.core = Pipeline(self.board, calibration("gelslim"))
+        self.core = Pipeline(self.board, calibration(PAD))
         self.core.set_live()
         self.still(self.board.pipeline.n_rest_frames + 2)
 
@@ -143,12 +142,12 @@ def _press_rows(pad: _Pad, rng: np.random.Generator, n_faces: int, n_forces: int
                 frame = pad.core.process(pad.picture(displacement * scale))
                 outcomes.append(outcome(frame, wrench[:3] * scale))
                 pad.still(2)
-        yield _row(f"gelslim: {group}", outcomes)
+        yield _row(PAD, group, outcomes)
 
 
 def _untouched_row(pad: _Pad, n: int) -> Row:
     flagged = sum(bool(f.flags) for f in pad.still(n))
-    return Row("gelslim: untouched, not flagged", n, n - flagged, flagged)
+    return Row(PAD, "untouched, not flagged", n, n - flagged, flagged, n_good=n, n_flagged=flagged)
 
 
 def _zero_rows(pad: _Pad, rng: np.random.Generator, n: int) -> Iterator[Row]:
@@ -167,7 +166,7 @@ def _zero_rows(pad: _Pad, rng: np.random.Generator, n: int) -> Iterator[Row]:
             frame = pad.core.process(pad.picture(displacement * scale))
         outcomes.append(outcome(frame, wrench[:3] * scale))
         pad.still(2)
-    yield _row("gelslim: zeroed with a press in it", outcomes)
+    yield _row(PAD, "zeroed with a press in it", outcomes)
 
 
 def _tray_row(name: str, rng: np.random.Generator, n: int) -> Row:
@@ -189,15 +188,16 @@ def _tray_row(name: str, rng: np.random.Generator, n: int) -> Row:
                 continue
             frame = core.process(renderer.image(rig.displacement, rng, tray=rig.tray))
             outcomes.append(outcome(frame, rig.wrench()[:3]))
-    return _row(f"{name}: flat punches through the elastomer", outcomes)
+    return _row(name, "flat punches through the elastomer", outcomes)
 
 
-def rows(seed: int, quick: bool) -> Iterator[Row]:
-    """One row for each group."""
+def rows(seed: int, quick: bool, is_wanted: Wanted) -> Iterator[Row]:
+    """One row for each family."""
     rng = np.random.default_rng([seed, 26])
-    pad = _Pad(rng)
-    yield _untouched_row(pad, 40 if quick else 400)
-    yield from _press_rows(pad, rng, 2 if quick else 8, 5 if quick else 8)
-    yield from _zero_rows(pad, rng, 4 if quick else 16)
-    for name in TRAY_BOARDS:
-        yield _tray_row(name, rng, 6 if quick else 30)
+    if is_wanted(PAD):
+        pad = _Pad(rng)
+        yield _untouched_row(pad, 40 if quick else 400)
+        yield from _press_rows(pad, rng, 2 if quick else 8, 5 if quick else 8)
+        yield from _zero_rows(pad, rng, 4 if quick else 16)
+    for name in filter(is_wanted, TRAY_BOARDS):
+        yield _tray_row(name, np.random.default_rng([seed, 26, *name.encode()]), 6 if quick else 30)

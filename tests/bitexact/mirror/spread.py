@@ -13,13 +13,13 @@ def is_explained(places: list[tuple[int, int]], u: I64, force: I64, spread: I64,
     moved = [p * v for place, node in zip(places, xy, strict=True) for p, v in zip(place, node, strict=True)]
     everything = sum(abs(v) for v in moved)
     held = np.clip(force.ravel(), -(1 << 27), 1 << 27)
-    if not held.any():
+    if not (is_pressed and held.any()):
         n = len(xy)
         odd = sum(abs(sum(p * (v - w) for p, v, w in zip(places[i], xy[i], xy[n - 1 - i], strict=True)))
                   for i in range(n // 2))  # fmt: skip
         return abs(sum(moved)) <= min(limit + (32 * odd >> 8), max(limit, everything) // 2)
     explained = sum(int(q) * int(f) for q, f in zip(spread, held, strict=True))
-    return abs(sum(moved) - explained) <= (5 * limit // 2 if is_pressed else limit) + (32 * everything >> 8)
+    return abs(sum(moved) - explained) <= 5 * limit // 2 + (32 * everything >> 8)
 
 
 def is_rim_pressed(force: I64, shape: tuple[int, int], threshold_lsb: int) -> bool:

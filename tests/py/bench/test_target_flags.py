@@ -7,6 +7,7 @@ import numpy.typing as npt
 import pytest
 from kept import kept
 
+from ruffini.bench import picture_faults as faults
 from ruffini.boards import Board, find_board
 from ruffini.core import Pipeline
 from ruffini.estimators.wrench.target_geometry import TargetGeometry
@@ -81,6 +82,19 @@ def test_a_fault_is_flagged_within_three_frames(board: Board, fault: dict[str, o
     n_rest = board.pipeline.n_rest_frames
     flags = flags_after(board, shown(board, n_rest=n_rest, n_loaded=WITHIN, **fault), n_rest)
     assert any(each & flag for each in flags), flags
+
+
+@pytest.mark.parametrize("black", [-14, 8])
+def test_another_black_level_is_flagged_under_a_load(board: Board, black: int) -> None:
+    """It changes the area at which a target's edge is found, and so the force."""
+    n_rest = board.pipeline.n_rest_frames
+    pictures = shown(board, n_rest=n_rest, n_loaded=4)
+    off = faults.toned(black=black)(pictures[-1], np.random.default_rng(1))
+    with Pipeline(board) as core:
+        core.set_live()
+        good = [core.process(picture) for picture in pictures]
+        assert not any(frame.flags & LIGHT for frame in good)
+        assert core.process(off).flags & LIGHT
 
 
 def test_a_removed_and_a_half_covered_target_are_flagged_at_once(board: Board) -> None:
