@@ -372,8 +372,10 @@ int stages_corner_motion(const uint8_t* calibration, int n_bytes, int n_x, int n
 }
 
 // `out`: shift x, y, zoom and turn (px Q16) that the sectors of a view's rim have in common.
-int stages_rim_motion(int n, const int32_t* rest, const int32_t* now, int64_t force_un, int64_t most_un, int64_t* out) {
-  RimMotion rim;
+// `at_max`: shift and zoom.
+int stages_rim_motion(int n, const int32_t* rest, const int32_t* now, int64_t force_un, int64_t most_un,
+                      const int64_t* at_max, int64_t* out) {
+  RimMotion rim({.shift_q16 = at_max[0], .zoom_q16 = at_max[1]});
   rim.learn(get_markers(rest, n));
   const auto shown = get_markers(now, n);
   const RimMotion::Motion seen = rim.motion(shown);

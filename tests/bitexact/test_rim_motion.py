@@ -26,11 +26,12 @@ def test_motion_and_verdict_are_the_mirrors() -> None:
         before, now = np.zeros((n, 6), np.int32), np.zeros((n, 6), np.int32)
         before[:, 0:2] = now[:, 0:2] = rest
         before[:, 5], now[:, 2:4], now[:, 4] = absent, raw, lost
+        at_max = rng.choice([[78_643, 39_322], [0, 0], [30_000, 200_000]])
         out = np.zeros(4, np.int64)
         found = door(n, *(a.ctypes.data_as(ctypes.c_void_p) for a in (before, now)), ctypes.c_int64(force),
-                     ctypes.c_int64(most), out.ctypes.data_as(ctypes.c_void_p))  # fmt: skip
+                     ctypes.c_int64(most), at_max.ctypes.data_as(ctypes.c_void_p), out.ctypes.data_as(ctypes.c_void_p))  # fmt: skip
         seen = motion(rim(rest, absent), raw, lost)
         assert tuple(out) == seen, turn
-        assert found == int(has_moved(seen, force, most)), turn
+        assert found == int(has_moved(seen, force, most, tuple(at_max.tolist()))), turn
         said.append(bool(found))
     assert 300 < sum(said) < 1_200, sum(said)

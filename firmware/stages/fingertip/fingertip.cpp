@@ -78,6 +78,16 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
   }
   if (!most) return most.error();
   out.max_un_ = most.value();
+  if (c.tensor("fingertip.rim") != nullptr) {
+    const auto rim = c.tensor("fingertip.rim", Tensor::Type::kI32, {2});
+    if (!rim) return rim.error();
+    const auto at_max = rim.value()->as<int32_t>();
+    if (std::min(at_max[0], at_max[1]) < 0) {
+      return Error{ErrorKind::kBadInput,
+                   "calibration file: fingertip.rim is negative: make it again with cal fit --only fingertip"};
+    }
+    out.rim_.fill(RimMotion({.shift_q16 = at_max[0], .zoom_q16 = at_max[1]}));
+  }
   const auto z = zero.value()->as<int32_t>(), s = scale.value()->as<int32_t>(), t = trust.value()->as<int32_t>();
   for (size_t i = 0; i < kQuantities; ++i) {
     if (std::abs(int64_t{z[i]}) > 1 << 24 || s[i] < 1 || s[i] > 1 << 24) {

@@ -10,9 +10,7 @@ namespace {
 
 constexpr size_t kPart = 5;              // of the pins
 constexpr int64_t kShift = 7'864;        // 0.12 px
-constexpr int64_t kShiftAtMax = 78'643;  // 1.2 px
 constexpr int64_t kZoom = 3'932;         // 0.06 px
-constexpr int64_t kZoomAtMax = 39'322;   // 0.6 px
 constexpr int kPlaceShift = 8;           // of squares: Q8 px
 
 enum Sector : size_t { kRight, kLeft, kBelow, kAbove };
@@ -79,8 +77,8 @@ RimMotion::Motion RimMotion::motion(std::span<const Marker> markers) const {
 bool RimMotion::has_moved(std::span<const Marker> markers, int64_t force_un, int64_t max_un) const {
   const Motion seen = motion(markers);
   const int64_t load_q16 = (std::clamp<int64_t>(force_un, 0, max_un) << 16) / max_un;
-  const int64_t shift = kShift + (kShiftAtMax * load_q16 >> 16);
-  const int64_t zoom = kZoom + (kZoomAtMax * load_q16 >> 16);
+  const int64_t shift = kShift + (at_max_.shift_q16 * load_q16 >> 16);
+  const int64_t zoom = kZoom + (at_max_.zoom_q16 * load_q16 >> 16);
   return std::max(seen.shift_x_q16, seen.shift_y_q16) > shift || std::max(seen.zoom_q16, seen.turn_q16) > zoom;
 }
 

@@ -40,6 +40,8 @@ def motion(sectors: list[list[int]], moved: I64, lost: Flags) -> tuple[int, int,
     )
 
 
-def has_moved(seen: tuple[int, int, int, int], force_un: int, most_un: int) -> bool:
+def has_moved(
+    seen: tuple[int, int, int, int], force_un: int, most_un: int, at_max: tuple[int, int] = (78643, 39322)
+) -> bool:
     load = (min(max(force_un, 0), most_un) << 16) // most_un
-    return max(seen[:2]) > 7864 + (78643 * load >> 16) or max(seen[2:]) > 3932 + (39322 * load >> 16)
+    return max(seen[:2]) > 7864 + (at_max[0] * load >> 16) or max(seen[2:]) > 3932 + (at_max[1] * load >> 16)

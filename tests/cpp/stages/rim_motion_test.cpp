@@ -71,6 +71,16 @@ TEST_F(RimMotionTest, ALoadMovesTheRim) {
   EXPECT_EQ(has_moved({.x_px = 2}, kMaxUn), has_moved({.x_px = 2}, 5 * kMaxUn)) << "no more than at the most";
 }
 
+TEST_F(RimMotionTest, AStiffWallMovesItsRimAsItsCalibrationSays) {
+  RimMotion stiff({.shift_q16 = 2 << 16, .zoom_q16 = 3 << 16});
+  stiff.learn(moved({}));
+  EXPECT_FALSE(stiff.has_moved(moved({.zoom = 0.02}), kMaxUn, kMaxUn));
+  EXPECT_TRUE(has_moved({.zoom = 0.02}, kMaxUn));
+  EXPECT_FALSE(stiff.has_moved(moved({.x_px = 0.9}), kMaxUn / 2, kMaxUn));
+  EXPECT_TRUE(stiff.has_moved(moved({.x_px = 1.2}), kMaxUn / 2, kMaxUn));
+  EXPECT_TRUE(stiff.has_moved(moved({.zoom = 0.002}), 0, kMaxUn)) << "nothing presses";
+}
+
 TEST_F(RimMotionTest, ADentOfOneSectorIsNoMotion) { EXPECT_FALSE(has_moved({.dent_px = 5})); }
 
 TEST_F(RimMotionTest, ASectorThatIsNotSeenSaysNothing) {
