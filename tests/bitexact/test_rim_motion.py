@@ -28,8 +28,8 @@ def test_motion_and_verdict_are_the_mirrors() -> None:
         before[:, 5], now[:, 2:4], now[:, 4] = absent, raw, lost
         at_max = rng.choice([[78_643, 39_322], [0, 0], [30_000, 200_000]])
         out = np.zeros(4, np.int64)
-        found = door(n, *(a.ctypes.data_as(ctypes.c_void_p) for a in (before, now)), ctypes.c_int64(force),
-                     ctypes.c_int64(most), at_max.ctypes.data_as(ctypes.c_void_p), out.ctypes.data_as(ctypes.c_void_p))  # fmt: skip
+        at, now_at, most_at, out_at = (a.ctypes.data_as(ctypes.c_void_p) for a in (before, now, at_max, out))
+        found = door(n, at, now_at, ctypes.c_int64(force), ctypes.c_int64(most), most_at, out_at)
         seen = motion(rim(rest, absent), raw, lost)
         assert tuple(out) == seen, turn
         assert found == int(has_moved(seen, force, most, tuple(at_max.tolist()))), turn

@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from told_sensor import ToldSensor
 
 from ruffini.view.guided import serving
-from ruffini.view.line import SharedLine
+from ruffini.view.line import Line, SharedLine
 
 CHROMIUM = "/usr/bin/chromium"
 # WebGL by the processor, as without a graphics card; what else the page is put together of needs no WebGL there, which
@@ -44,14 +44,15 @@ def chromium() -> Iterator[Browser]:
 
 
 @contextlib.contextmanager
-def viewer(*ports: str) -> Iterator[str]:
+def viewer(*ports: str | Line) -> Iterator[str]:
     """The server in a thread of its own; yields its address. It does not wait for open pages at its end."""
     told, runner = list[str](), web.AppRunner
+    lines = [SharedLine(port) if isinstance(port, str) else port for port in ports]
 
     def hurried(*arguments: Any, **options: Any) -> web.AppRunner:
         return runner(*arguments, **options | {"shutdown_timeout": SHUTDOWN_S})
 
-    with mock.patch.object(web, "AppRunner", hurried), serving([SharedLine(port) for port in ports], 0, told.append):
+    with mock.patch.object(web, "AppRunner", hurried), serving(lines, 0, told.append):
         yield told[0]
 
 

@@ -74,6 +74,48 @@ test("what is no number, no place and no text is left out, and never shown as on
   expect(guide.setAside).toEqual(["a"]);
 });
 
+const STEP = {
+  phase: "report",
+  step: 7,
+  text: "Force off by 17 mN.",
+  is_bad: true,
+  part: null,
+  choices: [{ word: "more", label: "Press 6 more", hint: "again" }],
+  fields: [{ name: "grams", label: "Weights", value: "50", unit: "g" }],
+  gates: [{ name: "touches", ok: false, text: "9, at least 10", remedy: "press more" }, { name: "unit", ok: null, text: "not tried", remedy: "" }],
+  report: 7,
+};
+
+test("a step of a calibration is read; a collection of the command line has none", () => {
+  expect(read().step).toBeUndefined();
+  expect(read(STEP).step).toEqual({
+    phase: "report",
+    number: 7,
+    text: "Force off by 17 mN.",
+    isBad: true,
+    part: undefined,
+    choices: [{ word: "more", label: "Press 6 more", hint: "again" }],
+    fields: [{ name: "grams", label: "Weights", value: "50", unit: "g" }],
+    gates: [{ name: "touches", ok: false, text: "9, at least 10", remedy: "press more" }, { name: "unit", ok: undefined, text: "not tried", remedy: "" }],
+    report: 7,
+  });
+});
+
+test("of a step, too, only what makes sense is read", () => {
+  const strange = { phase: "x".repeat(999), step: -1, text: 7, is_bad: "yes", part: 2, choices: [1, null, [], { word: {} }], fields: "none", gates: { ok: true }, report: "../x" };
+  expect(read(strange).step).toEqual({
+    phase: "x".repeat(600),
+    number: 0,
+    text: "",
+    isBad: false,
+    part: undefined,
+    choices: [{ word: "", label: "", hint: "" }],
+    fields: [],
+    gates: [],
+    report: undefined,
+  });
+});
+
 test("what is too long is cut", () => {
   const guide = read({ said: "x".repeat(1e6), touches: Array.from({ length: 20_000 }, () => [0, 0, 1]), quality: Array.from({ length: 999 }, () => GOOD.quality[0]) });
   expect(guide.said.length).toBe(600);
@@ -84,10 +126,10 @@ test("what is too long is cut", () => {
 test("whatever is put in the place of a part, something is read or nothing, and nothing is thrown", () => {
   const next = randomNumbers(7);
   const strange = [null, NaN, -1, 1e308, "", "x", true, [], [[]], [[1, 2]], {}, { ok: {} }, [{ name: [] }]];
-  const keys = Object.keys(GOOD);
+  const keys = Object.keys({ ...GOOD, ...STEP });
   for (let i = 0; i < 3000; i++) {
     const changes = Object.fromEntries([0, 1, 2].map(() => [keys[next() % keys.length]!, strange[next() % strange.length]]));
-    const guide = readGuide({ ...GOOD, ...changes });
+    const guide = readGuide({ ...GOOD, ...STEP, ...changes });
     if (!guide) continue;
     for (const n of [guide.asked, guide.nDone, guide.nTotal, ...guide.touches.flatMap((t) => [t.x, t.y])]) expect(Number.isFinite(n)).toBe(true);
     expect(guide.held === undefined || (guide.held >= 0 && guide.held <= 1)).toBe(true);

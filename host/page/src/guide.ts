@@ -14,7 +14,43 @@ export interface Quality {
   text: string;
 }
 
+export interface Choice {
+  word: string;
+  label: string;
+  hint: string;
+}
+
+export interface Field {
+  name: string;
+  label: string;
+  value: string;
+  unit: string;
+}
+
+export interface Gate {
+  name: string;
+  ok: boolean | undefined; // undefined: could not be judged
+  text: string;
+  remedy: string; // what to press again
+}
+
+/** Of a calibration that a person makes in this page (../ruffini/view/steps.py). */
+export interface Step {
+  /** Empty: nothing is shown but the button that begins it. "press": a collection goes on. */
+  phase: string;
+  number: number;
+  text: string;
+  isBad: boolean;
+  part: number | undefined; // of the work that is done
+  choices: Choice[];
+  fields: Field[];
+  gates: Gate[];
+  /** Number of the report to show. */
+  report: number | undefined;
+}
+
 export interface Guide {
+  step: Step | undefined; // undefined: a collection of the command line
   program: string;
   said: string;
   /** Number of the question that waits for an answer; 0: none does. */
@@ -35,6 +71,7 @@ export interface Guide {
 }
 
 const MAX_TEXT = 600;
+const MAX_REASON = 2000;
 const MAX_TOUCHES = 5000;
 const MAX_ROWS = 32;
 const MAX_COUNT = 1e6;
@@ -63,7 +100,34 @@ export function readGuide(told: unknown): Guide | undefined {
     quality: list(m["quality"], MAX_ROWS).flatMap((q) => qualityOf(q)),
     setAside: list(m["set_aside"], MAX_ROWS).flatMap((s) => (typeof s === "string" ? [text(s)] : [])),
     end: endOf(m["end"]),
+    step: stepOf(m),
   };
+}
+
+function stepOf(m: Record<string, unknown>): Step | undefined {
+  if (typeof m["phase"] !== "string") return undefined;
+  return {
+    phase: text(m["phase"]),
+    number: count(m["step"]),
+    text: text(m["text"], MAX_REASON),
+    isBad: m["is_bad"] === true,
+    part: number(m["part"], 0, 1),
+    choices: rows(m["choices"]).map((c) => ({ word: text(c["word"]), label: text(c["label"]), hint: text(c["hint"]) })),
+    fields: rows(m["fields"]).map((f) => ({ name: text(f["name"]), label: text(f["label"]), value: text(f["value"]), unit: text(f["unit"]) })),
+    gates: rows(m["gates"]).map((g) => ({ name: text(g["name"]), ok: isTrue(g["ok"]), text: text(g["text"]), remedy: text(g["remedy"]) })),
+    report: number(m["report"], 0, MAX_COUNT),
+  };
+}
+
+function rows(value: unknown): Record<string, unknown>[] {
+  return list(value, MAX_ROWS).flatMap((row) => {
+    const found = table(row);
+    return found ? [found] : [];
+  });
+}
+
+function isTrue(value: unknown): boolean | undefined {
+  return typeof value === "boolean" ? value : undefined;
 }
 
 /** How far the place of the plan that is furthest from any kept touch is from it, millimetres; undefined without either. */
@@ -87,8 +151,8 @@ function list(value: unknown, most: number): unknown[] {
   return Array.isArray(value) ? value.slice(0, most) : [];
 }
 
-function text(value: unknown): string {
-  return typeof value === "string" ? value.slice(0, MAX_TEXT) : "";
+function text(value: unknown, most = MAX_TEXT): string {
+  return typeof value === "string" ? value.slice(0, most) : "";
 }
 
 function number(value: unknown, low: number, high: number): number | undefined {
@@ -116,7 +180,7 @@ function loadOf(value: unknown): Load | undefined {
 function qualityOf(value: unknown): Quality[] {
   const m = table(value);
   if (!m || typeof m["name"] !== "string") return [];
-  return [{ name: text(m["name"]), ok: typeof m["ok"] === "boolean" ? m["ok"] : undefined, text: text(m["text"]) }];
+  return [{ name: text(m["name"]), ok: isTrue(m["ok"]), text: text(m["text"]) }];
 }
 
 function endOf(value: unknown): Guide["end"] {

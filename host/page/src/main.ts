@@ -9,7 +9,7 @@ import { NO_SERIAL, serialOf, SerialSource } from "./serial";
 import { button, make } from "./views/dom";
 import type { Tint } from "./views/field3d";
 import { FlashDialog } from "./views/flash_dialog";
-import { GuidePanel } from "./views/guide_panel";
+import { type AnswerTo, type Choose, GuidePanel } from "./views/guide_panel";
 import { Health } from "./views/health";
 import { Panel } from "./views/panel";
 import { Rates } from "./views/rates";
@@ -25,6 +25,7 @@ type News = Snapshot["events"][number];
 /** One line with the panels of its sensors. */
 interface Strand {
   line: Line;
+  id: number; // of the viewer's server
   serial: SerialSource | undefined; // that the page has opened itself
   panels: Map<number, Panel>;
   health: Health;
@@ -83,9 +84,9 @@ function tellNews(events: News[]): void {
   news = undefined;
 }
 
-function addStrand(): Strand {
+function addStrand(id = 0): Strand {
   const health = new Health();
-  const strand: Strand = { line: undefined as unknown as Line, serial: undefined, panels: new Map(), health, guide: undefined, hello: undefined, waiting: undefined, latest: {}, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
+  const strand: Strand = { line: undefined as unknown as Line, id, serial: undefined, panels: new Map(), health, guide: undefined, hello: undefined, waiting: undefined, latest: {}, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
   strand.line = new Line({
     onHello: (hello) => greet(strand, hello),
     onSnapshot: (snapshot) => {
@@ -142,13 +143,17 @@ function greet(strand: Strand, hello: Hello): void {
 
 function showGuide(strand: Strand, guide: Guide): void {
   if (!strand.guide) {
-    const panel = new GuidePanel((word, typed) => strand.line.tell({ kind: "answer", word, asked: panel.latest?.asked ?? 0, typed }));
+    const answer: AnswerTo = (word, typed) => strand.line.tell({ kind: "answer", word, asked: panel.latest?.asked ?? 0, typed });
+    const choose: Choose = (word, step, fields) => strand.line.tell({ kind: "choose", word, step, fields });
+    const panel = new GuidePanel(answer, choose, `report/${strand.id}`);
     strand.guide = panel;
     main.prepend(panel.element);
   }
   const first = [...strand.panels.values()][0];
   strand.guide.show(guide, first?.info);
   first?.aim(guide.end ? undefined : guide.target);
+  calibrateButton.hidden = !strands.some((s) => s.guide?.latest?.step);
+  publish();
 }
 
 function draw(nowMs: number): void {
@@ -295,6 +300,14 @@ function askToFlash(file: File): void {
   flashDialog.ask(what, () => strand.line.tell({ kind: "flash", file }));
 }
 
+/** The first step; while one is shown the panel is what goes on. */
+function calibrate(): void {
+  const [strand, other] = strands.filter(({ guide }) => guide?.latest?.step);
+  if (other) return say("Several sensors are shown: calibrate them one at a time, each in a viewer of its own.", true);
+  if (strand?.guide?.latest?.step?.phase === "") strand.guide.choose("open");
+  else strand?.guide?.element.scrollIntoView();
+}
+
 /** Nothing is shown any more; a recording that was under way is saved. */
 function closeLines(): void {
   const gone = strands.splice(0);
@@ -303,6 +316,7 @@ function closeLines(): void {
     strand.health.element.remove();
     strand.guide?.element.remove();
   }
+  calibrateButton.hidden = true;
   closing = Promise.all(gone.map(({ line, serial }) => line.close().then(() => serial?.close())));
   document.querySelector("#who")!.textContent = "";
 }
@@ -384,8 +398,11 @@ function help(): void {
 
 const live = button("Live", "B", "back from a recording to the sensors", goLive);
 live.hidden = true;
+const calibrateButton = button("Calibrate", "N", "newtons: calibrate this sensor with a kitchen scale", calibrate);
+calibrateButton.hidden = true; // until the viewer says that it can
 const BUTTONS = [
   live,
+  calibrateButton,
   button("Connect", "K", "open a sensor's serial port from this page (WebSerial)", () => void connect()),
   button("Zero", "Z", "learn the untouched pad again", zero),
   button("Freeze", " ", "hold the picture (space)", freeze),
@@ -474,7 +491,7 @@ async function start(): Promise<void> {
   for (const { id } of await fetchLines()) {
     const url = new URL(`line/${id}`, location.href);
     url.protocol = url.protocol.replace("http", "ws");
-    addStrand().line.tell({ kind: "websocket", url: url.href, schema: await schema });
+    addStrand(id).line.tell({ kind: "websocket", url: url.href, schema: await schema });
   }
   if (!strands.length) say(serialOf(navigator) ? "Press Connect and choose the sensor's port." : NO_SERIAL);
   publish();

@@ -14,6 +14,7 @@ export type ToWorker =
   | { kind: "record"; isOn: boolean }
   | { kind: "flash"; file: Blob }
   | { kind: "answer"; word: "done" | "stop"; asked: number; typed: string } // to a collection that has this page beside it
+  | { kind: "choose"; word: string; step: number; fields: Record<string, string> } // in a calibration from this page
   | { kind: "shown" } // the last snapshot is on the screen: the next one may come
   | { kind: "close" };
 

@@ -80,7 +80,11 @@ function ownersKeys(hello: Decoded): string[] {
 
 function subscribe(): void {
   if (!session || !Object.keys(every).length) return;
-  session.subscribe(every).catch((error: unknown) => post({ kind: "problem", text: textOf(error) }));
+  const asked = session;
+  // The server may lend the line to a calibration meanwhile, and the page greets again: what was asked before is void.
+  asked.subscribe(every).catch((error: unknown) => {
+    if (asked === session) post({ kind: "problem", text: textOf(error) });
+  });
 }
 
 function textOf(error: unknown): string {
@@ -237,6 +241,8 @@ self.onmessage = async ({ data }: MessageEvent<ToWorker>) => {
     else await endRecording();
   } else if (data.kind === "answer") {
     tell?.({ guide: data.word, asked: data.asked, typed: data.typed });
+  } else if (data.kind === "choose") {
+    tell?.({ calibrate: data.word, step: data.step, fields: data.fields });
   } else if (data.kind === "shown") {
     isDrawn = true;
     offer();

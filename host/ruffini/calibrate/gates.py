@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.container import FAILED, PASSED, CalibrationFile, Tensors
+from ruffini.errors import RefusedError
 from ruffini.files import readable
 
 MIN_PRESSES = 10  # without a fleet or a previous calibration behind it
@@ -21,6 +22,22 @@ MIN_COVERAGE = 0.5  # of CELLS x CELLS parts of the window: what was never press
 MAX_ERROR = 0.05  # of the largest force: 95th percentile of touches left out; the main job's own limit
 MAX_REST_N = 0.02  # force of an untouched frame, 99th percentile
 MAX_WRENCH_ERROR = 0.10  # of what an axis was loaded with: RMS on what was left out
+# What a person presses again if a gate fails; of the others only the gate's own text helps.
+REMEDIES = {
+    "touches": "press more",
+    "places": "press more, at the places of the rings",
+    "coverage": "press more, at the places of the rings: each needs a touch near it",
+    "interval of E": "press more, and harder",
+    "error": "press again: straight down, without sliding, and type the number once it stands still",
+    "gain": "press again: set the scale to zero first, and type the number once it stands still",
+    "on the board": "press again: straight down, without sliding, and type the number once it stands still",
+    "modulus": "begin again: is the scale in grams, and is it this board's pad?",
+    "normals": "press more: with a clean ball, in steady light; is its diameter right?",
+    "depth": "press more: with a clean ball, in steady light; is its diameter right?",
+    "scale": "begin again: is the ball's diameter right?",
+    "rest": "begin again: in steady light, with nothing on the pad while rest is learned",
+    "against the previous": "press more; until then what is in force stays",
+}
 HARD_N = 2.0  # below, a skin's force is judged in newtons by what the calibration states, not as a part
 
 
@@ -124,3 +141,23 @@ def gates_in(file: CalibrationFile) -> list[Gate] | None:
         return None if rows is None else [Gate(**row) for row in rows]
     except (ValueError, TypeError):
         return None
+
+
+def check_gates(file: CalibrationFile, *, force: bool) -> str:
+    """What is to be said of a file whose report does not refuse it, or nothing.
+
+    Raises
+    ------
+    RefusedError
+        Its own report fails its gates, and `force` is not given.
+    """
+    gates = gates_in(file)
+    said = file.metadata.get("gates", "")
+    if gates is None and said.startswith(FAILED) and not force:
+        raise RefusedError(f"this calibration {said}: collect more and fit again, or give --force")
+    if gates is None:
+        return "this file has no report (`ruffini cal fit` writes one): nobody has judged how well it measures"
+    bad = "; ".join(f"{gate.name}: {gate.text}" for gate in failed(gates))
+    if bad and not force:
+        raise RefusedError(f"this calibration fails its gates ({bad}): collect more and fit again, or give --force")
+    return f"FAILS ITS GATES and is flashed by --force: {bad}" if bad else ""

@@ -90,7 +90,7 @@ def collect(
     from ruffini.estimators.table import pressed_for
     from ruffini.rig import collect as collecting
     from ruffini.rig.log_file import LogWriter
-    from ruffini.rig.program import BY_STAGE, CONDITIONS, PROGRAMS, Touch, plan, span_of
+    from ruffini.rig.program import BY_STAGE, CONDITIONS, PROGRAMS, Touch, check_weights, plan, span_of
 
     found = find_board(board)
     settings = None if rig == SIMULATED else _settings(rig)
@@ -103,6 +103,8 @@ def collect(
         raise InputError(f"--machine {machine!r}: choose {' or '.join(MACHINES)}")
     options = TwinOptions(machine, ball_mm, seed, _error(found, unit, modulus, thickness), say=note)
     span = span_of(found, depth_mm * 1e-3, shear_mm * 1e-3, _reach(settings, found))
+    if rig == SCALE and program == SCALE:
+        span = span.inside(task.scale_part or 1.0)
     count = n or (6 if quick else len(CONDITIONS) if program == "conditions" else 20)
     if program == LOG:
         if view:
@@ -242,16 +244,6 @@ def _reach(settings: RigSettings | None, board: Board) -> tuple[float, float] | 
     from ruffini.demo.twin_session import reach_of
 
     return reach_of(board) if settings is None else settings.limits.reach_m
-
-
-def check_weights(items: list[Any], max_force_n: float) -> None:
-    """Raises InputError where a person would be asked to press more than a limit allows."""
-    from ruffini.rig.units import GRAVITY_M_S2
-
-    heaviest = max(item.grams for item in items)
-    if (force_n := 1e-3 * heaviest * GRAVITY_M_S2) > max_force_n:
-        raise InputError(f"--grams: {heaviest:g} g is a press of {force_n:.1f} N, more than the {max_force_n:g} N of "
-                         "max_force_n: give lighter weights")  # fmt: skip
 
 
 def _limits(settings: RigSettings | None, board: Board, span: Span, ball_mm: float) -> Limits:

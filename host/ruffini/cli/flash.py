@@ -10,7 +10,6 @@ import typer
 
 from ruffini.cli.common import JsonFlag, emit, note, progress_bar
 from ruffini.cli.device import open_sensor
-from ruffini.errors import RefusedError
 
 if TYPE_CHECKING:
     from ruffini.calibrate.container import CalibrationFile
@@ -35,12 +34,13 @@ def flash(
     """Put a calibration in force; success means read back, tried on frames, ACTIVE. `cal undo` takes it back."""
     from ruffini.boards import parse_board
     from ruffini.calibrate import container, keys
+    from ruffini.calibrate.gates import check_gates
     from ruffini.device import backup as backups
 
     read = [keys.read_verified(f) for f in files]
     file = container.merge(read) if len(read) > 1 else read[0]
     file = keys.sign(file, key) if key else file
-    remarks = [_check_gates(one, force=force) for one in read]
+    remarks = [check_gates(one, force=force) for one in read]
     with open_sensor() as sensor:
         board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
         container.check_board(file, board)
@@ -78,23 +78,6 @@ def _emit_difference(port: str, before: bytes, file: CalibrationFile, result: di
     rows = [asdict(difference) for difference in found]
     text = "\n".join([f"{port}: {len(found)} differences, nothing written", *(f"  {d}" for d in found)])
     emit({**result, "differences": rows}, json_, text)
-
-
-def _check_gates(file: CalibrationFile, *, force: bool) -> str:
-    """Refuse a file whose own report fails its gates; what there is to say of it otherwise, or nothing."""
-    from ruffini.calibrate.container import FAILED
-    from ruffini.calibrate.gates import failed, gates_in
-
-    gates = gates_in(file)
-    said = file.metadata.get("gates", "")
-    if gates is None and said.startswith(FAILED) and not force:
-        raise RefusedError(f"this calibration {said}: collect more and fit again, or give --force")
-    if gates is None:
-        return "this file has no report (`ruffini cal fit` writes one): nobody has judged how well it measures"
-    bad = "; ".join(f"{gate.name}: {gate.text}" for gate in failed(gates))
-    if bad and not force:
-        raise RefusedError(f"this calibration fails its gates ({bad}): collect more and fit again, or give --force")
-    return f"FAILS ITS GATES and is flashed by --force: {bad}" if bad else ""
 
 
 def undo(json_: JsonFlag = False) -> None:

@@ -58,7 +58,10 @@ def live(
     with unit.running_unit(source, board) as daemon:
         with Connection(daemon.port) as sensor:
             note(f"live: {board.name} is {unit.what_is_missing(board, sensor.hello.sensors[0].calibration)}")
-        show_page([daemon.port], http_port, no_browser=no_browser, json_=json_, is_over=daemon.has_ended)
+        show_page(
+            [daemon.port], http_port, no_browser=no_browser, json_=json_, is_over=daemon.has_ended,
+            folder=unit.calibrations_folder(board, source.key),
+        )  # fmt: skip
         if daemon.has_ended() and (said := daemon.problem()):
             raise NoDeviceError(said)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -55,13 +56,17 @@ def show_page(
     no_browser: bool,
     json_: bool,
     is_over: Callable[[], bool] = lambda: False,
+    folder: Path | None = None,
 ) -> None:
-    """Serve the page of these ports until a signal comes or `is_over`; prints its address, and opens it."""
+    """Serve the page of these ports until a signal comes or `is_over`; prints its address, and opens it.
+
+    folder : where calibrations made in the page are kept; None: found by board and serial number.
+    """
     import asyncio
     import signal
     import webbrowser
 
-    from ruffini.view.line import SharedLine
+    from ruffini.view.calibrating_line import CalibratingLine
     from ruffini.view.server import serve
 
     def ready(address: str) -> None:
@@ -81,7 +86,7 @@ def show_page(
             stop.set()
 
         watching = asyncio.create_task(watch())
-        await serve([SharedLine(port) for port in ports], http_port, ready, stop, note)
+        await serve([CalibratingLine(port, folder) for port in ports], http_port, ready, stop, note)
         watching.cancel()
 
     asyncio.run(until_stopped())

@@ -20,6 +20,7 @@ from ruffini.estimators.skin.stage import SKIN
 from ruffini.estimators.task import Task, Turned
 from ruffini.estimators.threshold.stage import THRESHOLD
 from ruffini.estimators.wrench.stage import WRENCH
+from ruffini.rig.program import Span, span_of
 
 ESTIMATORS: tuple[Estimator, ...] = (
     CAMERA,
@@ -72,6 +73,26 @@ def pressed_for(board: Board) -> Task:
             estimator.check_log(board)
             return estimator.task
     return FORCES
+
+
+def scale_span(board: Board) -> Span:
+    """Where a person presses to calibrate a board with a kitchen scale.
+
+    Raises
+    ------
+    InputError
+        The board is fitted to something else.
+    """
+    task = task_of(board)
+    if not isinstance(task, Task) or task.scale_part is None:
+        raise InputError(f"board {board.name!r} needs more than presses on a kitchen scale: see "
+                         "docs/how-to/calibrate-your-pad.md")  # fmt: skip
+    return span_of(board, 1e-3 * task.depth_mm, 0.0).inside(task.scale_part)
+
+
+def needs_ball_first(board: Board) -> bool:
+    """True if a board without a calibration learns its colours from a ball."""
+    return any(estimator.first_program for estimator in applying(board))
 
 
 def reported_by(file: CalibrationFile) -> Estimator:

@@ -60,6 +60,7 @@ class Task:
     figures: Callable[[list[Word]], dict[str, Any]]
     left_out: Callable[[dict[str, Outcome]], float]
     needs_ball: bool = False  # a bench must press with one: the colours are learned from it
+    scale_part: float | None = None  # of the span, for presses on a kitchen scale; None: those are not enough
     needs_points: bool = False  # known points of a tube's lens
 
 

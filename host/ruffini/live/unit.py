@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 import tempfile
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ from ruffini.boards import Board
 from ruffini.daemon import Daemon, started_daemon
 from ruffini.frames import read_frames
 from ruffini.live.cameras import LocalCamera
+from ruffini.live.folders import CALIBRATIONS, unit_folder
 from ruffini.live.recording_server import RecordingServer
 
 MAX_SERIAL_BYTES = 31  # ruffinid's --serial
@@ -53,9 +53,13 @@ def picture_size(path: Path) -> tuple[int, int]:
 
 
 def store_folder(board: Board, key: str) -> Path:
-    """Where this unit's calibration is kept: below XDG_STATE_HOME, one folder for each board and unit."""
-    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-    return state / "ruffini" / "live" / board.name / (re.sub(r"[^A-Za-z0-9._-]+", "-", key).strip("-.") or "unnamed")
+    """Where ruffinid keeps this unit's calibration."""
+    return unit_folder("live", board.name, key)
+
+
+def calibrations_folder(board: Board, key: str) -> Path:
+    """Where the presses and files of this unit's calibrations from the page are kept."""
+    return unit_folder(CALIBRATIONS, board.name, key)
 
 
 @contextlib.contextmanager
@@ -86,7 +90,7 @@ def what_is_missing(board: Board, calibration: Any) -> str:
         shown.append("the motion of its markers in millimetres")
     never = f"; this board never measures {', '.join(board.board.not_measured)}" if board.board.not_measured else ""
     if not calibration.present:
-        calibrated = "`ruffini cal auto` has run on it"
+        calibrated = "it is calibrated (Calibrate in the page, or `ruffini cal auto`)"
         if board.picture_features is not None:
             calibrated = "a fit to videos, `ruffini cal fit --only wrench --videos`, is flashed"
         return f"not calibrated: shows {' and '.join(shown)}, no newtons until {calibrated}{never}"

@@ -51,7 +51,7 @@ def scale(bench: Bench, item: ScalePress, _: Path) -> dict[str, Any]:
     """A person presses, types what the scale under the sensor shows, holds still, and lets go."""
     if bench.weight is None:
         raise InputError("program 'scale' is for a scale that a person reads: give --rig scale, or kind = 'weight'")
-    begun = host_clock.now()
+    begun = _untouched(bench)
     grams = _typed(bench, item)
     if (force_n := 1e-3 * grams * GRAVITY_M_S2) > bench.max_force_n:
         raise RefusedError(f"pressed with {force_n:.2f} N, more than the {bench.max_force_n:g} N allowed: let go")
@@ -64,6 +64,12 @@ def scale(bench: Bench, item: ScalePress, _: Path) -> dict[str, Any]:
     bench.person.confirm("let go")
     bench.rest()
     return {"typed_g": grams, "touched_host_s": begun, "held_host_s": held, "lifted_host_s": lifted}
+
+
+def _untouched(bench: Bench) -> float:
+    """Wait for a picture of the untouched pad, which a ball's colours are differences from; returns its end."""
+    bench.person.say("wait: a picture of the untouched pad is taken")
+    return bench.hold(host_clock.now(), 0.0)
 
 
 def _typed(bench: Bench, item: ScalePress) -> float:
@@ -83,7 +89,7 @@ def _typed(bench: Bench, item: ScalePress) -> float:
 
 def touch(bench: Bench, item: HandTouch, _: Path) -> dict[str, Any]:
     """A person presses with the requested force, and lets go."""
-    begun = host_clock.now()
+    begun = _untouched(bench)
 
     def holds(since_s: float | None, for_s: float) -> None:
         bench.guide.hold = None if since_s is None else (since_s, for_s)

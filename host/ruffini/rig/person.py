@@ -14,6 +14,7 @@ from ruffini.rig.stop_key import stdin
 GO_ON = (b"\n", b"\r")
 STOP = b"q"
 BACKSPACE = (b"\x7f", b"\x08")
+WATCH_S = 0.2  # real
 MAX_TYPED = 20  # characters of a number
 NO_KEY = re.compile(r"[^0-9.,+\- a-pr-z]")  # of a page's text: no q, which stops
 
@@ -51,10 +52,16 @@ class PageKeys:
 
 
 class TerminalPerson:
-    """Shows instructions and waits for Enter; any other key stops. A page may answer too."""
+    """Shows instructions and waits for Enter; any other key stops. A page may answer too.
 
-    def __init__(self, say: Callable[[str], None], descriptor: int | None = None, page: PageKeys | None = None) -> None:
-        self.say = say
+    watch : called every `WATCH_S` while an answer is awaited; may raise to end that.
+    """
+
+    def __init__(
+        self, say: Callable[[str], None], descriptor: int | None = None, page: PageKeys | None = None,
+        watch: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
+        self.say, self._watch = say, watch
         self._keyboards = [stdin() if descriptor is None else descriptor, page.descriptor if page else None]
 
     def confirm(self, text: str) -> None:
@@ -96,7 +103,8 @@ class TerminalPerson:
         """One key, from wherever it comes; none where all keyboards have ended."""
         keyboards = [d for d in self._keyboards if d is not None]
         while keyboards:
-            for keyboard in select.select(keyboards, [], [])[0]:
+            self._watch()
+            for keyboard in select.select(keyboards, [], [], WATCH_S)[0]:
                 if key := os.read(keyboard, 1):
                     return key
                 keyboards.remove(keyboard)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.rig.log_file import ACTIVITY, TouchRecord
 from ruffini.rig.placed_weight import MAX_GRAMS
+from ruffini.rig.units import GRAVITY_M_S2
 
 HOLD_S = 0.5  # of a touch, at least
 BORDER = 0.25  # of the window's half side stays untouched: there the camera sees a part of the dent only
@@ -217,6 +219,10 @@ class Span(NamedTuple):
     deepest_m: float
     shear_m: float
 
+    def inside(self, part: float) -> Span:
+        """The middle of it, so large a part along x and along y."""
+        return self._replace(half_x_m=part * self.half_x_m, half_y_m=part * self.half_y_m)
+
 
 def span_of(board: Board, deepest_m: float, shear_m: float, most_m: tuple[float, float] | None = None) -> Span:
     """The part of a board's pad that is touched: about its centre, well inside what the camera sees.
@@ -271,6 +277,14 @@ def plan(program: str, span: Span, n: int, seed: int, by_hand: ByHand = ByHand()
     if program == "free":
         return [HandTouch(b.x_m, b.y_m, by_hand.force_n * b.depth_m / span.deepest_m) for b in balls]
     return list(balls)
+
+
+def check_weights(items: Sequence[Item], max_force_n: float) -> None:
+    """Raises InputError if a person would be asked to press more than a limit allows."""
+    heaviest = max(item.grams for item in items if isinstance(item, Weight | ScalePress))
+    if (force_n := 1e-3 * heaviest * GRAVITY_M_S2) > max_force_n:
+        raise InputError(f"grams: {heaviest:g} g is a press of {force_n:.1f} N, more than the {max_force_n:g} N of "
+                         "max_force_n: give lighter weights")  # fmt: skip
 
 
 def _grid(span: Span, n: int, rng: np.random.Generator) -> list[Touch]:

@@ -3,7 +3,7 @@
 schema = 1
 [reference]
 kind = "text"               # i2c: part_number, bus; network: host, full_scale, sigma (six each, N and N m), axes;
-                            # weight: sigma_g; csv: path
+                            # weight: sigma_g; hid: path, sigma_g; csv: path
 port = "/dev/ttyUSB0"
 unit = "g"
 full_scale_n = 20.0
@@ -38,6 +38,7 @@ from ruffini.errors import InputError
 from ruffini.files import readable
 from ruffini.rig.grbl import Grbl
 from ruffini.rig.guarded_stage import Limits
+from ruffini.rig.hid_scale import HidScale
 from ruffini.rig.i2c_cell import I2cCell
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.network_cell import NetworkCell, fetch_settings
@@ -46,6 +47,7 @@ from ruffini.rig.reference import Reference
 from ruffini.rig.stage import Place, Stage
 from ruffini.rig.text_cell import TextCell
 from ruffini.rig.turned import Turned, turn_of
+from ruffini.rig.units import force_factor
 
 Positive = Annotated[float, Field(gt=0, le=1e4)]
 Six = Annotated[list[Positive], Field(min_length=6, max_length=6)]
@@ -55,6 +57,7 @@ Axes = Annotated[list[Annotated[str, Field(pattern="^[+-][xyz]$")]], Field(min_l
 
 SCALE_SIGMA_G = 2.0  # its last digit, and how much a hand changes while it is read
 SCALE_MAX_N = 10.0  # by hand
+SERIAL_SCALE_N, SERIAL_SCALE_HZ = 50.0, 2.0  # range and rate of a serial one, as stated
 
 
 class _Section(BaseModel):
@@ -131,6 +134,18 @@ class WeightSettings(_Section):
         return PlacedWeight(self.sigma_g)
 
 
+class HidSettings(_Section):
+    """A scale that reports over USB HID."""
+
+    kind: Literal["hid"]
+    path: str
+    sigma_g: Positive = 1.0
+
+    def open(self) -> Reference:
+        """Connect to it."""
+        return HidScale(self.path, self.sigma_g * force_factor("g"))
+
+
 class CsvSettings(_Section):
     """What another program writes while the sensor streams."""
 
@@ -203,16 +218,25 @@ class RigSettings(_Section):
 
     schema_: Annotated[Literal[1], Field(alias="schema")]
     reference: Annotated[
-        I2cSettings | TextSettings | NetworkSettings | WeightSettings | CsvSettings, Field(discriminator="kind")
+        I2cSettings | TextSettings | NetworkSettings | WeightSettings | HidSettings | CsvSettings,
+        Field(discriminator="kind"),
     ]
     limits: LimitSettings
     stage: StageSettings | None = None
     tip: TipSettings | None = None
 
 
-def scale_rig() -> RigSettings:
-    """A kitchen scale that a person reads: no file is needed."""
-    reference, limits = WeightSettings(kind="weight", sigma_g=SCALE_SIGMA_G), LimitSettings(max_force_n=SCALE_MAX_N)
+def scale_rig(port: str = "") -> RigSettings:
+    """A kitchen scale, without a file: read by a person, or on a port: HID, or serial that prints grams."""
+    reference: WeightSettings | HidSettings | TextSettings = WeightSettings(kind="weight", sigma_g=SCALE_SIGMA_G)
+    if port.startswith("/dev/hidraw"):
+        reference = HidSettings(kind="hid", path=port)
+    elif port:
+        sigma_n, rate_hz = SCALE_SIGMA_G * force_factor("g"), SERIAL_SCALE_HZ
+        reference = TextSettings(
+            kind="text", port=port, unit="g", full_scale_n=SERIAL_SCALE_N, sigma_n=sigma_n, rate_hz=rate_hz
+        )
+    limits = LimitSettings(max_force_n=SCALE_MAX_N)
     return RigSettings.model_validate({"schema": 1, "reference": reference, "limits": limits})
 
 

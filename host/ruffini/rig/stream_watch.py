@@ -181,7 +181,7 @@ class StreamWatch:
                 return newest
             if newest is not None or host_clock.now() - start > START_S:
                 raise NoDeviceError(f"{self.name}: no frame for {self.stall_s:g} s: the camera stands still: what was "
-                                    "collected is kept; when it runs again, the same command goes on")  # fmt: skip
+                                    "collected is kept; go on when it runs again")  # fmt: skip
             host_clock.sleep(0.02)
 
     def wait_for_rest(self, no_reference_bit: int) -> None:

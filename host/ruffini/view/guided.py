@@ -81,12 +81,16 @@ class GuidingPage:
         return {"program": self._program, **told(self.guide, self._bench), "end": self._end}
 
     def _hear(self, word: str, number: int, typed: str) -> None:
-        """An answer to a question of before, or a second one to this, is none."""
-        if word == "stop":
-            self.keys.press(is_stop=True)
-        elif self.guide.is_asked and number == self.guide.n_asked:
-            self.guide.is_asked = False
-            self.keys.press(is_stop=False, typed=typed if self.guide.wants_number else "")
+        press_keys(self.keys, self.guide, word, number, typed)
+
+
+def press_keys(keys: PageKeys, guide: Guide, word: str, number: int, typed: str) -> None:
+    """A page's answer; one to a question of before, or a second one to this, is none."""
+    if word == "stop":
+        keys.press(is_stop=True)
+    elif guide.is_asked and number == guide.n_asked:
+        guide.is_asked = False
+        keys.press(is_stop=False, typed=typed if guide.wants_number else "")
 
 
 @contextlib.contextmanager

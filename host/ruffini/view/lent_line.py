@@ -1,11 +1,11 @@
-"""A sensor's line that this program itself reads and writes: pages look on, and are told what it is at."""
+"""A sensor's line that this program itself reads and writes: pages look on, and are shown its work."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from ruffini.device import Connection
@@ -20,14 +20,65 @@ ANSWERS = ("HELLO", "SCHEMA", "REPLY", "TIME")  # belong to the owner of the lin
 BUSY = "a collection goes on with this sensor: its page only looks on; end it first"
 
 
+class StandIn:
+    """Answers pages in the place of a sensor that somebody else reads and writes.
+
+    HELLO and SCHEMA are answered here; a page may subscribe, which changes nothing, and is refused all else.
+    """
+
+    def __init__(self, sensor: Connection) -> None:
+        self._sensor, self.schema = sensor, sensor.schema
+        self._passed_over = {sensor.schema.type_numbers.get(name) for name in ANSWERS}
+        self._sequence = 0
+
+    def forwards(self, frame: Frame) -> bool:
+        """True if a frame of the sensor is for pages, too."""
+        return frame.type not in self._passed_over
+
+    def hear(self, box: Outbox, frame: Frame) -> None:
+        """A page's message."""
+        name = self.schema.type_name(frame.type)
+        if name == "HELLO":
+            self._answer(box, name, self._sensor.hello)
+        elif name == "SCHEMA":
+            self._answer(box, name, self.schema.new("Schema", file_descriptor_set=self.schema.bytes))
+        elif name == "COMMAND":
+            with contextlib.suppress(RuffiniError):
+                self._reply(box, self.schema.decode(frame.type, frame.payload))
+
+    def _reply(self, box: Outbox, command: Any) -> None:
+        is_subscribe = command.WhichOneof("action") == "subscribe"
+        code, text = ("REPLY_OK", "") if is_subscribe else ("REPLY_BUSY", BUSY)
+        number = self.schema.enum_number("ReplyCode", code)
+        self._answer(box, "REPLY", self.schema.new("Reply", request_id=command.request_id, code=number, text=text))
+
+    def _answer(self, box: Outbox, name: str, message: Any) -> None:
+        number = self.schema.type_numbers[name]
+        box.put(Frame(number, 255, self._sequence, 0, message.SerializeToString()), self.schema)
+        self._sequence += 1
+
+
+def show_guide(boxes: Iterable[Outbox], state: Callable[[], dict[str, Any]]) -> None:
+    """Send the state of a collection to pages; it is looked at only if there is one."""
+    if boxes := list(boxes):
+        text = json.dumps({"kind": "guide", **state()})
+        for box in boxes:
+            box.put_text("guide", text)
+
+
+async def show_guide_always(boxes: Iterable[Outbox], state: Callable[[], dict[str, Any]]) -> None:
+    """`show_guide` every `TELL_S`."""
+    while True:
+        show_guide(boxes, state)
+        await asyncio.sleep(TELL_S)
+
+
 class LentLine(Line):
     """Its frames are those that the owner of the `Connection` asked for, as they come.
 
-    HELLO and SCHEMA are answered here; a page may subscribe, which changes nothing, and is refused all else.
-
     Parameters
     ----------
-    tell : what the owner is at now, as JSON takes it; called in the server's thread.
+    tell : the owner's state, as JSON takes it; called in the server's thread.
     hear : what a page answers ("done" or "stop"), to which question, and what was typed.
     """
 
@@ -36,14 +87,13 @@ class LentLine(Line):
     ) -> None:
         super().__init__(sensor.port, sensor.schema)
         self._sensor, self._tell_state, self._hear = sensor, tell, hear
-        self._passed_over = {sensor.schema.type_numbers.get(name) for name in ANSWERS}
+        self._stand_in = StandIn(sensor)
         self._task: asyncio.Task[None] | None = None
-        self._sequence = 0
 
     async def start(self) -> None:
         self._loop, self._problem = asyncio.get_running_loop(), ""
         self._sensor.raw_sink = lambda data: self.tell(self._receive, data)
-        self._task = asyncio.create_task(self._tell_for_ever())
+        self._task = asyncio.create_task(show_guide_always(self.boxes, self._tell_state))
 
     async def close(self) -> None:
         self._sensor.raw_sink = None
@@ -53,50 +103,27 @@ class LentLine(Line):
         self._task.cancel()
 
     async def say_goodbye(self) -> None:
-        self._say()
+        show_guide(self.boxes, self._tell_state)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(GOODBYE_S):
                 while not all(box.is_empty for box in self.boxes):
                     await asyncio.sleep(TELL_S / 10)
 
-    async def _tell_for_ever(self) -> None:
-        while True:
-            self._say()
-            await asyncio.sleep(TELL_S)
-
-    def _say(self) -> None:
-        if self.boxes:
-            text = json.dumps({"kind": "guide", **self._tell_state()})
-            for box in self.boxes:
-                box.put_text("guide", text)
-
     def _put(self, box: Outbox, frame: Frame) -> None:
-        if frame.type not in self._passed_over:
+        if self._stand_in.forwards(frame):
             super()._put(box, frame)
 
     def hear(self, told: dict[str, Any]) -> None:
-        word, number = told["guide"], told.get("asked", 0)
-        typed = told.get("typed", "")
-        if word in ("done", "stop") and isinstance(number, int) and isinstance(typed, str):
-            self._hear(word, number, typed)
+        if answer := answer_in(told):
+            self._hear(*answer)
 
     async def send(self, box: Outbox, frame: Frame) -> None:
-        name = self._schema.type_name(frame.type)
-        if name == "HELLO":
-            self._answer(box, name, self._sensor.hello)
-        elif name == "SCHEMA":
-            self._answer(box, name, self._schema.new("Schema", file_descriptor_set=self._schema.bytes))
-        elif name == "COMMAND":
-            with contextlib.suppress(RuffiniError):
-                self._reply(box, self._schema.decode(frame.type, frame.payload))
+        self._stand_in.hear(box, frame)
 
-    def _reply(self, box: Outbox, command: Any) -> None:
-        is_subscribe = command.WhichOneof("action") == "subscribe"
-        code, text = ("REPLY_OK", "") if is_subscribe else ("REPLY_BUSY", BUSY)
-        number = self._schema.enum_number("ReplyCode", code)
-        self._answer(box, "REPLY", self._schema.new("Reply", request_id=command.request_id, code=number, text=text))
 
-    def _answer(self, box: Outbox, name: str, message: Any) -> None:
-        number = self._schema.type_numbers[name]
-        box.put(Frame(number, 255, self._sequence, 0, message.SerializeToString()), self._schema)
-        self._sequence += 1
+def answer_in(told: dict[str, Any]) -> tuple[str, int, str] | None:
+    """A page's answer to a question, the question's number, and what was typed; None if it is no such answer."""
+    word, number, typed = told.get("guide"), told.get("asked", 0), told.get("typed", "")
+    if word in ("done", "stop") and isinstance(number, int) and isinstance(typed, str):
+        return str(word), number, typed
+    return None

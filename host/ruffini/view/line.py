@@ -9,6 +9,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from ruffini.device.ports import open_port
@@ -24,6 +25,8 @@ FIRST_OPEN_S = 5.0
 
 class Line(ABC):
     """What comes over a sensor's line, for all pages that look at it. Runs in the server's loop."""
+
+    calibrates = False  # True if a person may calibrate the sensor from its page
 
     def __init__(self, port: str, schema: Schema) -> None:
         self.port = port
@@ -53,6 +56,11 @@ class Line(ABC):
     @abstractmethod
     def hear(self, told: dict[str, Any]) -> None:
         """A message of a page, for example the answer to a question."""
+
+    @property
+    def report(self) -> Path | None:
+        """HTML report on the newest calibration, if one was made from the page."""
+        return None
 
     @abstractmethod
     async def say_goodbye(self) -> None:
@@ -101,6 +109,7 @@ class SharedLine(Line):
         self._serial: Any = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._read_for_ever, daemon=True)
+        self._known: KnownPort | None = None
         self._sequence = 0
         self._writing = asyncio.Lock()
 
@@ -121,7 +130,24 @@ class SharedLine(Line):
     async def say_goodbye(self) -> None:
         """A page sees by itself that the server is gone."""
 
+    # ---- another owner of the port, called from its thread --------------------------------------
+
+    def _let_go(self) -> None:
+        """Close the port."""
+        self._stop.set()
+        self._thread.join()
+
+    def _take_back(self) -> None:
+        """Open the port again as soon as it is there."""
+        self._stop.clear()
+        self._thread = threading.Thread(target=self._reopen_and_read, daemon=True)
+        self._thread.start()
+
     # ---- the thread ---------------------------------------------------------------------------
+
+    def _reopen_and_read(self) -> None:
+        self._reopen()
+        self._read_for_ever()
 
     def _read_for_ever(self) -> None:
         while not self._stop.is_set():

@@ -3,9 +3,10 @@
 A WebSocket carries the device's frames as they are in proto/README.md, in binary messages; the page's commands come
 back alike. Text messages are JSON of the server's own: {"kind": "line"} says whether the line is open,
 {"kind": "health"} what came over it, {"kind": "guide"} what a collection is at that has the page beside it
-(rig/guide.py). The page answers each binary message with {"seen": n}, its number, and a collection's question of
-number n with {"guide": "done", "asked": n, "typed": "203"}, or "stop" at any time. No more than two binary messages are
-on their way at a time: what is newer than those waits here, and the newest replaces what is older.
+(rig/guide.py), or at which step a calibration from the page is (view/steps.py). The page answers each binary message
+with {"seen": n}, its number; a collection's question of number n with {"guide": "done", "asked": n, "typed": "203"}, or
+"stop" at any time; step n of a calibration with {"calibrate": WORD, "step": n, "fields": {...}}. No more than two
+binary messages are on their way at a time: what is newer than those waits here, and the newest replaces what is older.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; connect-src 'self' "
     "ws://127.0.0.1:* ws://localhost:*; worker-src 'self'; frame-ancestors 'none'; base-uri 'none'"
 )
+# A report is shown inside the page: pictures of its own, no script.
+REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox"
 LINES: web.AppKey[list[Line]] = web.AppKey("lines", list[Line])
 
 
@@ -66,7 +69,7 @@ async def _only_from_here(request: web.Request, handler: Any) -> web.StreamRespo
         raise web.HTTPForbidden(text="the viewer answers its own page alone")
     response: web.StreamResponse = await handler(request)
     if not response.prepared:
-        response.headers["Content-Security-Policy"] = POLICY
+        response.headers.setdefault("Content-Security-Policy", POLICY)
         response.headers["Cache-Control"] = "no-cache"
     return response
 
@@ -77,7 +80,17 @@ async def _index(_: web.Request) -> web.FileResponse:
 
 async def _lines(request: web.Request) -> web.Response:
     lines = request.app[LINES]
-    return web.json_response([{"id": i, "port": line.port} for i, line in enumerate(lines)])
+    return web.json_response(
+        [{"id": i, "port": line.port, "calibrates": line.calibrates} for i, line in enumerate(lines)]
+    )
+
+
+async def _report(request: web.Request) -> web.FileResponse:
+    lines, number = request.app[LINES], int(request.match_info["line"])
+    path = lines[number].report if number < len(lines) else None
+    if path is None or not path.is_file():
+        raise web.HTTPNotFound(text="there is no report yet")
+    return web.FileResponse(path, headers={"Content-Security-Policy": REPORT_POLICY})
 
 
 async def _socket(request: web.Request) -> web.WebSocketResponse:
@@ -121,7 +134,9 @@ async def _receive_all(socket: web.WebSocketResponse, line: Line, box: Outbox, s
         elif message.type is WSMsgType.TEXT:
             with contextlib.suppress(ValueError, TypeError, KeyError, RecursionError):
                 told = json.loads(message.data)
-                if "guide" in told:
+                if not isinstance(told, dict):
+                    continue
+                if "guide" in told or "calibrate" in told:
                     line.hear(told)
                 # One at a time: a page cannot ask for more than is its due.
                 elif told["seen"] == n_seen + 1:
@@ -139,6 +154,7 @@ def make_app(lines: Sequence[Line], on_note: Callable[[str], None] = lambda _: N
     app.router.add_get("/", _index)
     app.router.add_get("/lines.json", _lines)
     app.router.add_get(r"/line/{line:\d{1,3}}", _socket)
+    app.router.add_get(r"/report/{line:\d{1,3}}", _report)
     app.router.add_static("/", page_folder())
 
     async def hold_lines(_: web.Application) -> Any:

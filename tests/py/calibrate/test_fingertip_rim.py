@@ -20,7 +20,7 @@ def drawn(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     way = rng.normal(size=(50, 4)) * [1, 1, 0.01, 0.01]
     moved = way[:, None, :2] + way[:, 2, None, None] * away
     moved = moved + way[:, 3, None, None] * np.column_stack([-away[:, 1], away[:, 0]])
-    return away + [160, 120], moved + rng.normal(0, 0.05, moved.shape)
+    return away + np.array([160, 120]), moved + rng.normal(0, 0.05, moved.shape)
 
 
 def test_it_is_what_the_firmware_measures() -> None:

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ruffini.cli.collect import check_weights
-from ruffini.errors import InputError, RefusedError
+from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig import by_hand
 from ruffini.rig.found import estimate
 from ruffini.rig.log_file import ACTIVITY, TouchRecord
 from ruffini.rig.person import PageKeys, TerminalPerson
 from ruffini.rig.placed_weight import PlacedWeight, grams_of
-from ruffini.rig.program import ByHand, ScalePress, Span, plan
+from ruffini.rig.program import ByHand, ScalePress, Span, check_weights, plan
 from ruffini.rig.settings import SCALE_MAX_N, scale_rig
 
 SPAN = Span(0.004, 0.003, 0.001, 0.0)
@@ -56,7 +55,9 @@ class Typist:
 def pressed(*texts: str, weight: PlacedWeight | None, max_force_n: float = 10.0) -> tuple[dict[str, Any], list[str]]:
     person, read = Typist(*texts), list[float]()
 
-    def hold(started_s: float) -> float:
+    def hold(started_s: float, least_s: float = 0.5) -> float:
+        if not least_s:  # of the untouched pad, before the press
+            return started_s
         assert weight is not None
         read.append(-weight.read(0.0)[0].wrench[2])
         return started_s + 0.5
@@ -66,6 +67,7 @@ def pressed(*texts: str, weight: PlacedWeight | None, max_force_n: float = 10.0)
         reference=SimpleNamespace(fresh=lambda: None),
     )  # fmt: skip
     facts = by_hand.scale(bench, PRESS, [])
+    assert person.heard.pop(0) == "wait: a picture of the untouched pad is taken"
     return {**facts, "read_n": read[0], "after_n": -weight.read(0.0)[0].wrench[2] if weight else None}, person.heard
 
 
@@ -146,7 +148,7 @@ def test_weights_that_nobody_can_press_are_refused(grams: tuple[float, ...]) -> 
 
 def test_a_weight_beyond_the_force_limit_is_refused_before_anything_is_pressed() -> None:
     check_weights(plan("scale", SPAN, 3, 1, ByHand((20.0, 200.0))), 10.0)
-    with pytest.raises(InputError, match=r"--grams: 2000 g is a press of 19.6 N, more than the 10 N"):
+    with pytest.raises(InputError, match=r"grams: 2000 g is a press of 19.6 N, more than the 10 N"):
         check_weights(plan("scale", SPAN, 3, 1, ByHand((20.0, 2000.0))), 10.0)
 
 
@@ -177,3 +179,16 @@ def test_a_page_types_numbers_and_nothing_else(typed: str, read: str) -> None:
         assert TerminalPerson(lambda _: None, keys.descriptor).number("how much") == read
     finally:
         keys.close()
+
+
+def test_a_sensor_that_is_lost_ends_the_question() -> None:
+    reader, writer = os.pipe()
+    looks = list[int]()
+
+    def watch() -> None:
+        looks.append(1)
+        if len(looks) == 2:
+            raise NoDeviceError("the line was lost")
+
+    with os.fdopen(reader), os.fdopen(writer, "wb"), pytest.raises(NoDeviceError, match="the line was lost"):
+        TerminalPerson(lambda _: None, reader, watch=watch).number("press")

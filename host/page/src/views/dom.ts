@@ -14,9 +14,10 @@ export function make<K extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
-/** A button with a key that does the same. */
+/** A button with a key that does the same; an empty key: none does. */
 export function button(label: string, key: string, hint: string, press: () => void): HTMLButtonElement {
-  const element = make("button", { type: "button", title: `${hint} (key ${key})`, "data-key": key.toLowerCase() }, label);
+  const keyed: Attributes = key ? { title: `${hint} (key ${key})`, "data-key": key.toLowerCase() } : { title: hint };
+  const element = make("button", { type: "button", ...keyed }, label);
   element.addEventListener("click", press);
   return element;
 }

@@ -1,7 +1,7 @@
 // Guides a person through a collection: where to press, how hard, for how long, and how good it is.
 
 import type { SensorInfo } from "../board";
-import { type Guide, largestGap, type Load, type Quality } from "../guide";
+import { type Guide, largestGap, type Load, type Quality, type Step } from "../guide";
 import { button, make } from "./dom";
 import { text } from "./units";
 
@@ -10,6 +10,11 @@ const RING_PX = 15;
 const DOT_PX = 4;
 const ROOM = 1.5; // of the wanted load: the length of its bar
 const MARKS: Record<string, string> = { true: "✓", false: "✗", undefined: "·" };
+
+/** "done" or "stop", and what was typed. */
+export type AnswerTo = (word: "done" | "stop", typed: string) => void;
+/** What was chosen at a step, with its form as it is filled in. */
+export type Choose = (word: string, step: number, fields: Record<string, string>) => void;
 
 export class GuidePanel {
   readonly element = make("section", { class: "guide", "aria-label": "Calibration" });
@@ -30,44 +35,73 @@ export class GuidePanel {
   private readonly setAside = make("ul");
   private readonly setAsideTitle = make("h3", {}, "Set aside, to be done again");
   private readonly end = make("p", { class: "end", role: "status", "aria-live": "polite" });
+  private readonly work = make("progress", { max: "1", "aria-label": "Done so far" });
+  private readonly form = make("div", { class: "form" });
+  private readonly choices = make("div", { class: "choices" });
+  private readonly gates = make("tbody");
+  private readonly gateTable = make("table", { class: "gates" }, make("caption", {}, "Gates"), this.gates);
+  // No script of a report runs, wherever its file comes from.
+  private readonly report = make("iframe", { class: "report", sandbox: "", title: "Report" });
+  private readonly columns: HTMLElement;
   private isOver = false;
+  private stepNumber = -1; // that is shown
   latest: Guide | undefined;
 
   private asked = 0;
 
-  /** `answer` gets "done" or "stop", and what was typed. */
-  constructor(answer: (word: "done" | "stop", typed: string) => void) {
+  constructor(
+    answer: AnswerTo,
+    private readonly chosen: Choose,
+    private readonly reportUrl: string,
+  ) {
     this.done = button("Done", "Enter", "it is as it was asked for", () => this.latest?.asked && answer("done", this.typed.value));
     this.stop = button("Stop", "X", "end here; what was collected is kept", () => !this.isOver && answer("stop", ""));
     this.stop.classList.add("stop");
     const quality = make("table", {}, make("caption", {}, "Right now"), this.quality);
+    this.columns = make(
+      "div",
+      { class: "columns" },
+      make("figure", {}, this.pad, make("figcaption", {}, this.where)),
+      make("div", { class: "rows" }, this.load.element, this.heldRow, quality, this.setAsideTitle, this.setAside),
+    );
     this.element.append(
       make("header", {}, this.program, this.counts, this.touches, this.stop),
       make("div", { class: "ask" }, this.said, this.unit, this.done, this.end),
-      make(
-        "div",
-        { class: "columns" },
-        make("figure", {}, this.pad, make("figcaption", {}, this.where)),
-        make("div", { class: "rows" }, this.load.element, this.heldRow, quality, this.setAsideTitle, this.setAside),
-      ),
+      this.work,
+      this.form,
+      this.choices,
+      this.columns,
+      this.gateTable,
+      this.report,
     );
+  }
+
+  choose(word: string): void {
+    const fields = [...this.form.querySelectorAll("input")].map((input) => [input.name, input.value]);
+    if (this.latest?.step) this.chosen(word, this.latest.step.number, Object.fromEntries(fields) as Record<string, string>);
   }
 
   /** Keys of its buttons, as the page's own. */
   get buttons(): HTMLButtonElement[] {
-    return [this.done, this.stop];
+    return [this.done, this.stop, ...this.choices.querySelectorAll("button")];
   }
 
   show(guide: Guide, info: SensorInfo | undefined): void {
     this.latest = guide;
-    this.isOver = guide.end !== undefined;
+    const isPress = !guide.step || guide.step.phase === "press";
+    this.isOver = guide.end !== undefined || !isPress;
+    this.element.hidden = guide.step?.phase === "";
+    if (this.element.hidden) return;
+    this.showStep(guide.step);
     this.program.textContent = `Calibration: ${guide.program}`;
+    this.columns.hidden = this.counts.hidden = this.touches.hidden = !isPress;
     say(this.said, guide.end ? (guide.end.isOk ? "Complete." : "It has ended.") : guide.said);
     this.done.hidden = !guide.asked || this.isOver;
     this.stop.hidden = this.isOver;
     this.showTyped(guide);
-    say(this.end, guide.end ? `${guide.end.text.replace(/\.?$/, ".")} ${guide.end.next}` : "");
-    this.end.classList.toggle("bad", guide.end?.isOk === false);
+    say(this.end, guide.end ? `${guide.end.text.replace(/\.?$/, ".")} ${guide.end.next}` : (guide.step?.text ?? ""));
+    this.end.classList.toggle("bad", guide.end?.isOk === false || guide.step?.isBad === true);
+    if (!isPress) return;
     this.showCounts(guide);
     this.load.show(this.isOver ? undefined : guide.load);
     this.heldRow.classList.toggle("idle", guide.held === undefined || this.isOver);
@@ -80,6 +114,28 @@ export class GuidePanel {
     }
     this.setAsideTitle.hidden = !aside;
     this.drawPad(guide, info);
+  }
+
+  /** A step's form, buttons and report are made once, so that nothing that a person types is lost. */
+  private showStep(step: Step | undefined): void {
+    this.work.hidden = step?.phase !== "work";
+    if (step?.part === undefined) this.work.removeAttribute("value");
+    else this.work.value = step.part;
+    const number = step?.number ?? -1;
+    if (number === this.stepNumber) return;
+    this.stepNumber = number;
+    this.form.replaceChildren(...(step?.fields ?? []).map((field) => make("label", {}, `${field.label} `, make("input", { type: "text", name: field.name, value: field.value, size: "18", maxlength: "100", autocomplete: "off" }), ` ${field.unit}`)));
+    this.choices.replaceChildren(...(step?.choices ?? []).map((c, i) => button(c.label, i === 0 ? "Enter" : "", c.hint, () => this.choose(c.word))));
+    this.gateTable.hidden = !step?.gates.length;
+    this.gates.replaceChildren(
+      ...(step?.gates ?? []).map(({ name, ok, text: what, remedy }) => {
+        const mark = make("td", { class: "mark" }, MARKS[String(ok)]!);
+        const said = remedy ? `${what}. To mend it: ${remedy}.` : what;
+        return make("tr", ok === undefined ? {} : { class: ok ? "ok" : "bad" }, mark, make("th", { scope: "row" }, name), make("td", {}, said));
+      }),
+    );
+    this.report.hidden = step?.report === undefined;
+    if (step?.report !== undefined) this.report.src = `${this.reportUrl}?${step.report}`;
   }
 
   /** Empty and ready to be typed into at each new question. */

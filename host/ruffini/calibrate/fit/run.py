@@ -82,7 +82,7 @@ def finished(
     residuals: dict[str, Any] = {
         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
         "gates": [gate._asdict() for gate in gates], "logs": {path.name: file_sha256(path) for path in job.paths},
-        "valid_for": {"temperature_c": celsius_ranges(touches)},
+        "valid_for": {"temperature_c": celsius_ranges(touches)}, "from_pictures": job.has_new_colours,
     }  # fmt: skip
     if base is not None:
         before = container.residuals(base)

@@ -43,6 +43,7 @@ from ruffini.fem.operators import Noise
 Array = npt.NDArray[np.float64]
 
 PRESSES = (1, 2, 3, *fewer_presses.SIZES)
+N_WORST = 3  # presses by hand that are named
 DRAWS = 8  # of presses, for each number of them
 
 
@@ -97,7 +98,7 @@ def report_of(
         "gates": [gate._asdict() for gate in gates], "wrench": _errors(log, now),
         "left_out": None if fit is None or fit.n_touches < MIN_TOUCHES else left_out_figures(fit),
         "accuracy_of_presses": curve, "coverage": coverage(board, contact_places(board, log)).tolist(),
-        "valid_for": _ranges(board, log),
+        "valid_for": _ranges(board, log), "worst": _worst(log, now),
         "previous": None if before is None else {"force_rmse_n": force_rmse_n(log, before.wrench)},
     }  # fmt: skip
     return ForceReport(
@@ -187,6 +188,17 @@ def _errors(log: TouchLog, now: Judged) -> dict[str, Any]:
         "largest_force_n": float(np.nanmax(np.linalg.norm(np.nan_to_num(log.wrench[:, :3]), axis=1))),
         "untouched_p99_n": float(np.percentile(np.linalg.norm(now.rest_n, axis=1), 99)) if len(now.rest_n) else None,
     }  # fmt: skip
+
+
+def _worst(log: TouchLog, now: Judged) -> list[dict[str, Any]]:
+    """The presses by hand whose force is furthest off, first the worst: what to press again."""
+    facts = log.touch_facts
+    if len(facts) != log.n_touches:  # a touch without a frame that counts
+        return []
+    error_n = np.linalg.norm(np.nan_to_num(by_touch(log, now.wrench - log.wrench)[:, :3]), axis=1)
+    rows = [{"told": facts[i]["told"], **{name: facts[i][name] for name in ("x_m", "y_m", "grams")},
+             "error_n": float(error_n[i])} for i in np.argsort(-error_n) if "grams" in facts[i]]  # fmt: skip
+    return rows[:N_WORST]
 
 
 def _ranges(board: Board, log: TouchLog) -> dict[str, Any]:

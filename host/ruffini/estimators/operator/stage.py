@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from ruffini.boards import Board
+from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import Gate
-from ruffini.calibrate.log.touches import read_touch_log
+from ruffini.calibrate.log.touches import file_sha256, read_touch_log
 from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.material.stage import material_noise
@@ -68,13 +69,24 @@ class Operator(Estimator):
         self, board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None,
         fleet: Prior | None = None, progress: Progress = lambda _: None,
     ) -> Report:  # fmt: skip
-        log = read_touch_log(paths, board, file, progress=lambda done: progress(0.2 * done))
+        log = read_touch_log(
+            paths, board, file, from_pictures=_saw_pictures(file, paths), progress=lambda done: progress(0.2 * done)
+        )
         made = report_of(
             board, file, log, previous=previous, fleet=fleet, progress=lambda done: progress(0.2 + 0.8 * done)
         )
         off_mn = 1e3 * made.tree["wrench"]["force_rmse_n"]
         text = f"force off by {off_mn:.1f} mN RMS over {log.n_touches} touches"
         return Report(made.tree, made.gates, text, lambda path: write_page(path, board, file, made))
+
+
+def _saw_pictures(file: CalibrationFile, paths: list[Path]) -> bool:
+    """True if the fit saw these logs with colours that it had learned itself, not with those of the sensor then."""
+    said = container.residuals(file)
+    fitted = said.get("logs")
+    if said.get("from_pictures") is not True or not isinstance(fitted, dict):
+        return False
+    return all(file_sha256(path) in fitted.values() for path in paths)
 
 
 OPERATOR = Operator()

@@ -45,8 +45,7 @@ def _forces_left_out(outcomes: dict[str, Outcome]) -> float:
 
 def _grid_inside(span: Span, n: int, seed: int) -> Sequence[Item]:
     """Where a dent does not reach the rim that the depth is gauged by; some are held long enough to see it relax."""
-    inside = span._replace(half_x_m=FITTED_PART * span.half_x_m, half_y_m=FITTED_PART * span.half_y_m)
-    touches = plan("grid", inside, n, seed)
+    touches = plan("grid", span.inside(FITTED_PART), n, seed)
     return [t._replace(hold_s=LONG_S) if isinstance(t, Touch) and i % LONG_EACH == LONG_EACH - 1 else t
             for i, t in enumerate(touches)]  # fmt: skip
 
@@ -66,5 +65,5 @@ def judged_touches(span: Span, n: int, seed: int) -> Sequence[Item]:
 TASK = Task(
     "forces", "grid", Counts(30, 40, 20, 120), Counts(16, 16, 8, 40), 0.8, 0.3, 6.0, "mN RMS of force",
     span_of, _grid_inside, judged_touches, _forces_word, _forces_figures, _forces_left_out,
-    needs_ball=True,
+    needs_ball=True, scale_part=FITTED_PART,
 )  # fmt: skip

@@ -27,8 +27,9 @@ from ruffini.estimators.photometric.pad_view import pad_view
 from ruffini.estimators.photometric.presses import PressSet, load_presses
 from ruffini.estimators.photometric.scale import fit_scale, scaled
 from ruffini.rig.log_file import Log, read_log
+from ruffini.rig.program import SCALE
 
-PRESS = "press"  # kind of a touch that a stage makes
+STRAIGHT = ("press", SCALE, "hand")  # kinds of touches: of a stage, and of a person
 MAX_NORMAL_DEG = 7.0  # of ball presses left out, median: what recorded presses of a good unit reach
 MIN_PLACES = 3  # forty copies of one press are one press
 MAX_CAP = 0.05  # of the ball's diameter
@@ -84,7 +85,8 @@ def _write_presses(log: Log, folder: Path, number: int) -> int:
     n = 0
     for i, touch in enumerate(log.touches):
         image, facts = touch.arrays.get("image"), touch.facts
-        is_straight = facts.get("kind", PRESS) == PRESS and not (facts.get("shear_x_m", 0) or facts.get("shear_y_m", 0))
+        is_sheared = facts.get("shear_x_m", 0) or facts.get("shear_y_m", 0)
+        is_straight = facts.get("kind", STRAIGHT[0]) in STRAIGHT and not is_sheared
         if image is None or len(image) < 2 or facts.get("image_step_px", 1) != 1 or not is_straight:
             continue
         _write(folder / f"reference_{number}_{i:04d}.png", image[0])

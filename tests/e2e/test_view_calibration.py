@@ -1,0 +1,255 @@
+"""First newtons in the page alone: the real daemon, viewer and page; an emulated person reads the page and presses."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import Evaluates, sensor_of, state_of, viewer, wait_for
+from playwright.sync_api import Page
+from test_bench_file import Desk
+from test_kitchen_scale import STIFFER, Truth
+from tiny_twin import Twin
+
+from ruffini import host_clock
+from ruffini.daemon import Daemon, started_daemon
+from ruffini.device import Connection
+from ruffini.rig.emulated_person import EmulatedPerson
+from ruffini.rig.frame_clock import FrameClock
+from ruffini.sim.unit import TwinUnit
+from ruffini.view.calibrating_line import CalibratingLine
+
+FASTER = 3.0  # than real
+SETTLED_FRAMES = 5
+JUDGED = ((70.0, "x +1.5, y -1.0 mm"), (110.0, "x -2.0, y +1.5 mm"), (160.0, "x +0.5, y +0.5 mm"))  # never fitted
+PICTURES = os.environ.get("RUFFINI_PICTURES", "")  # folder for a picture of each step, for a person to look at
+
+
+def step_of(page: Evaluates) -> dict[str, Any]:
+    """What the page shows of the calibration, and what it asks."""
+    guide = state_of(page)["lines"][0].get("guide") or {"step": {"phase": ""}}
+    return {**guide, **guide["step"]}
+
+
+def choose(page: Page, label: str) -> None:
+    """Press a button, and wait for what follows."""
+    number = step_of(page)["number"]
+    page.click(f".guide .choices button:text-is('{label}')")
+    wait_for(page, f"what follows {label!r}", lambda _: step_of(page)["number"] > number)
+
+
+def follow(
+    page: Page, person: EmulatedPerson, heard: list[str], is_enough: Callable[[dict[str, Any]], bool] = lambda _: False
+) -> None:
+    """Do what the page says until it is no press any more, or `is_enough` of what it shows."""
+    answered, said = 0, ""
+    while (step := step_of(page))["phase"] in ("press", "work"):
+        page.wait_for_timeout(20)
+        assert "No reply" not in state_of(page)["notice"]
+        if is_enough(step):
+            return
+        if step["phase"] == "work" or (step["said"] == said and not step["asked"]):
+            continue
+        said = step["said"]
+        if not step["asked"]:
+            heard.append(said)
+            person.say(said)
+        elif step["asked"] != answered:
+            answered = step["asked"]
+            heard.append(said)
+            if step["wantsNumber"]:
+                page.keyboard.type(person.number(said))
+            else:
+                person.confirm(said)
+            page.keyboard.press("Enter")
+    picture(page, step["phase"])
+
+
+def picture(page: Page, name: str) -> None:
+    if PICTURES:
+        page.wait_for_timeout(500)
+        page.screenshot(path=f"{PICTURES}/{int(time.time())}-{name}.png", full_page=True)
+
+
+class BrisklyPaced(FrameClock):
+    """Simulated time that leaves viewer and browser some of the processor: a few times as fast as real."""
+
+    is_watched = True  # somebody reads each frame: the next one waits for that
+
+    def next_frame(self) -> int:
+        time.sleep(self._period_s / FASTER)
+        return super().next_frame()
+
+    def _is_read(self) -> bool:
+        return not self.is_watched or super()._is_read()
+
+
+@pytest.fixture
+def slow_is_fine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The twin shares its computer with everything else."""
+    monkeypatch.setattr("test_bench_file.FrameClock", BrisklyPaced)
+    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, 1e6))
+
+
+@pytest.fixture
+def person() -> EmulatedPerson:
+    return EmulatedPerson(1)
+
+
+@pytest.fixture
+def desk(
+    bench_twin: Twin, tmp_path: Path, capsys: pytest.CaptureFixture[str], person: EmulatedPerson, slow_is_fine: None
+) -> Desk:
+    """A pad that is stiffer than its board says, on a scale."""
+    unit = bench_twin.unit
+    model = replace(unit.model, modulus_pa=unit.model.modulus_pa * STIFFER)
+    stiff = TwinUnit(unit.board, unit.twin, model, unit.compliance / STIFFER)
+    return Desk(Twin(stiff, bench_twin.calibration), tmp_path, person, capsys)
+
+
+def force_error(page: Page, person: EmulatedPerson, truth: Truth, grams: float, place: str) -> float:
+    """The force that the page shows of a weight on the pad, over the twin's own, less 1."""
+    person.confirm(f"put {grams:g} g at {place}")
+    frame = sensor_of(state_of(page))["wrench"]["frame"]
+    shown = wait_for(page, "frames of it", lambda s: sensor_of(s)["wrench"]["frame"] > frame + SETTLED_FRAMES)
+    said_n, true_n = -sensor_of(shown)["wrench"]["values"][2], -truth.rows[-1][1]
+    person.confirm("take it away")
+    return said_n / true_n - 1
+
+
+def force_errors(desk: Desk, page: Page, person: EmulatedPerson, truth: Truth) -> np.ndarray:
+    """Of each weight of `JUDGED`. Only the page looks on."""
+    assert isinstance(desk.clock, BrisklyPaced)
+    desk.clock.is_watched = False
+    wait_for(page, "forces", lambda s: sensor_of(s)["wrench"]["validity"][2] == 1)
+    errors = np.array([force_error(page, person, truth, *one) for one in JUDGED])
+    desk.clock.is_watched = True
+    return errors
+
+
+def ask(page: Page, address: str) -> None:
+    """Open the page, and the first step by its key."""
+    page.goto(address)
+    wait_for(page, "the button", lambda _: page.is_visible("nav button:text-is('Calibrate')"))
+    page.keyboard.press("n")
+    wait_for(page, "the offer", lambda _: step_of(page)["phase"] == "offer")
+    picture(page, "offer")
+
+
+def fill(page: Page, grams: str, presses: str, ball: str = "") -> None:
+    for name, text in (("grams", grams), ("presses", presses), ("ball", ball)):
+        page.fill(f".guide input[name={name}]", text)
+    choose(page, "Begin")
+
+
+def test_from_the_button_to_newtons_and_back(
+    desk: Desk, person: EmulatedPerson, page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A gate that fails asks for more presses; what is flashed measures, and undo takes it back."""
+    monkeypatch.setenv("RUFFINI_BACKUPS", str(tmp_path / "backups"))
+    truth, heard = Truth(), list[str]()
+    desk.bench.twin.listeners.append(truth.note)
+    with desk.running():
+        with Connection(desk.port) as sensor:
+            sensor.flash(desk.twin.calibration)
+        with viewer(CalibratingLine(desk.port, tmp_path / "calibrations")) as address:
+            page.goto(address)
+            before = force_errors(desk, page, person, truth)
+            start_s = host_clock.now()
+            ask(page, address)
+            fill(page, "60, 120, 180", "9")  # a gate wants ten
+            follow(page, person, heard)
+            refused = step_of(page)
+            choose(page, "Press 6 more")
+            follow(page, person, heard)
+            passed, took_s = step_of(page), host_clock.now() - start_s
+            report = next(frame for frame in page.frames if "/report/" in frame.url)
+            assert report.is_visible("text=Passes its gates")
+            assert report.evaluate("document.images.length") >= 2
+            choose(page, "Flash it")
+            wait_for(page, "the end", lambda _: step_of(page)["phase"] == "flashed")
+            picture(page, "flashed")
+            after = force_errors(desk, page, person, truth)
+            choose(page, "Undo")
+            wait_for(page, "the end", lambda _: step_of(page)["said"] == "Undone")
+            picture(page, "undone")
+            undone = force_errors(desk, page, person, truth)
+            choose(page, "Close")
+            assert not page.is_visible(".guide")
+    n_presses = sum("type what it shows" in text for text in heard)
+    print(
+        f"{n_presses} presses in {took_s:.0f} s of the bench's time; the force that the page shows is off the truth by "
+        f"{100 * np.abs(before).mean():.1f} % before, {100 * np.abs(after).mean():.1f} % after (at most "
+        f"{100 * np.abs(after).max():.1f} %), {100 * np.abs(undone).mean():.1f} % when undone"
+    )
+    assert refused["said"] == "Not good enough: touches"
+    assert "To be pressed again" in refused["text"]
+    (bad,) = [gate for gate in refused["gates"] if gate["ok"] is False]
+    assert (bad["name"], bad["remedy"]) == ("touches", "press more")
+    assert passed["said"] == "Passes its gates"
+    assert not [gate for gate in passed["gates"] if not gate["ok"]]
+    assert len(list((tmp_path / "backups").iterdir())) == 1
+    assert np.abs(before).mean() > 0.12
+    assert np.abs(after).mean() < 0.06
+    assert undone == pytest.approx(before, abs=0.03)
+
+
+def test_whatever_ends_it_the_presses_stay_and_are_gone_on_with(
+    desk: Desk, person: EmulatedPerson, page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A form that makes no sense, a second browser that stops, a page that is closed, a daemon that dies."""
+    daemons, heard = list[Daemon](), list[str]()
+
+    @contextlib.contextmanager
+    def known(*arguments: Any) -> Iterator[str]:
+        with started_daemon(*arguments) as daemon:
+            daemons.append(daemon)
+            yield daemon.port
+
+    monkeypatch.setattr("test_bench_file.running_daemon", known)
+    with desk.running():
+        with Connection(desk.port) as sensor:
+            sensor.flash(desk.twin.calibration)
+        with viewer(CalibratingLine(desk.port, tmp_path / "calibrations")) as address:
+            ask(page, address)
+            for wrong, sentence in (
+                (("60, x", "3"), "'x' is no weight in grams"),
+                (("60", "many"), "'many' is no number of presses: give 1 to 200"),
+                (("60", "3", "-5"), "'-5' is no diameter of a ball"),
+                (("5000", "3"), "5000 g is a press of 49.0 N, more than the 10 N"),
+            ):
+                fill(page, *wrong)
+                wait_for(page, sentence, lambda _, s=sentence: s in step_of(page)["text"])  # type: ignore[misc]
+                assert page.input_value(".guide input[name=grams]") == wrong[0]
+            assert not (tmp_path / "calibrations").exists()
+            fill(page, "60, 90", "3")
+            follow(page, person, heard, is_enough=lambda step: step["nDone"] == 1 and step["asked"] > 0)
+            assert page.context.browser is not None
+            other = page.context.browser.new_page()
+            other.goto(address)
+            wait_for(other, "the question", lambda _: step_of(other)["asked"])
+            assert "until the scale shows about 90 g" in step_of(other)["said"]
+            other.click(".guide .stop")
+            wait_for(page, "the stop", lambda _: step_of(page)["phase"] == "ended")
+            assert "stopped from the page: what was collected is kept" in step_of(page)["text"]
+            page.reload()
+            wait_for(page, "the same step", lambda _: step_of(page)["phase"] == "ended")
+            choose(other, "Continue")
+            follow(page, person, heard, is_enough=lambda step: step["nDone"] == 2 and step["asked"] > 0)
+            os.kill(daemons[0].pid, signal.SIGKILL)
+            wait_for(page, "the loss", lambda _: step_of(page)["phase"] == "ended")
+            picture(page, "lost")
+            lost = step_of(page)["text"]
+            other.close()
+    assert lost.count("The presses are kept in") == 1
+    assert [path.name for path in sorted((tmp_path / "calibrations").glob("*/*.parts/[0-9]*.h5"))] == [
+        "00000.h5", "00001.h5"
+    ]  # fmt: skip

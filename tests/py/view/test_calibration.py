@@ -1,0 +1,236 @@
+"""A calibration from the page: what is offered, what a stale or strange choice does, how each failure is said."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+from hang import until
+
+from ruffini.boards import find_board
+from ruffini.calibrate.gates import REMEDIES
+from ruffini.device import Connection
+from ruffini.errors import InputError, NoDeviceError, RefusedError, RuffiniError
+from ruffini.estimators.table import needs_ball_first, scale_span
+from ruffini.rig.program import ScalePress
+from ruffini.view import scale_calibration
+from ruffini.view.calibration import Calibration
+from ruffini.view.guided import serving
+from ruffini.view.line import SharedLine
+from ruffini.view.scale_calibration import Plan, ScaleCalibration, asked_for
+
+
+@contextlib.contextmanager
+def gone() -> Iterator[Connection]:
+    raise NoDeviceError("/dev/pts/7 is gone")
+    yield
+
+
+def run(calibration: Calibration, word: str, **fields: str) -> dict[str, Any]:
+    """The step after a choice."""
+    number = calibration.state()["step"]
+    calibration.choose(word, number, fields)
+    until(lambda: calibration.state()["phase"] != "work", "the step after it")
+    return calibration.state()
+
+
+def words(state: dict[str, Any]) -> list[str]:
+    return [choice["word"] for choice in state["choices"]]
+
+
+def test_nothing_is_shown_but_the_button_until_it_is_pressed() -> None:
+    state = Calibration(gone, None).state()
+    assert (state["phase"], words(state)) == ("", ["open"])
+    json.dumps(state)
+
+
+def test_a_sensor_that_is_gone_is_one_sentence_and_can_be_tried_again() -> None:
+    calibration = Calibration(gone, None)
+    state = run(calibration, "open")
+    assert (state["phase"], state["is_bad"], words(state)) == ("ended", True, ["open", "close"])
+    assert state["text"] == "/dev/pts/7 is gone."
+    state = run(calibration, "open")
+    assert state["text"] == "/dev/pts/7 is gone."
+    assert run(calibration, "close")["phase"] == ""
+
+
+@pytest.mark.parametrize(
+    ("word", "step"), [("open", 1), ("open", -1), ("open", None), ("flash", 0), ("undo", 0), (7, 0), (None, 0), ([], 0)]
+)
+def test_what_is_not_offered_at_this_step_is_no_choice(word: object, step: object) -> None:
+    calibration = Calibration(gone, None)
+    calibration.choose(word, step, None)
+    assert (calibration.state()["phase"], calibration.state()["step"]) == ("", 0)
+
+
+def test_of_two_browsers_that_choose_at_once_one_is_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = list[str]()
+
+    def note(_: ScaleCalibration, word: str, __: Any) -> None:
+        chosen.append(word)
+        raise NoDeviceError("gone")
+
+    monkeypatch.setattr(ScaleCalibration, "run", note)
+    calibration = Calibration(gone, None)
+    for _ in range(2):
+        calibration.choose("open", 0, "no fields")
+    until(lambda: calibration.state()["phase"] == "ended", "the step after it")
+    assert chosen == ["open"]
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device", "/x/00001.h5"),
+         "/x/00001.h5: No space left on device: make room, then continue."),
+        (NoDeviceError("the line was lost"), "the line was lost."),
+        (InputError("is it plugged in?"), "is it plugged in?"),
+        (ZeroDivisionError("0"), "this is a fault of ruffini (ZeroDivisionError('0'))."),
+    ],
+)  # fmt: skip
+def test_what_ends_the_presses_is_said_with_where_they_are_kept(
+    error: Exception, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(work: ScaleCalibration, *_: Any) -> None:
+        work.current = tmp_path
+        raise error
+
+    monkeypatch.setattr(ScaleCalibration, "run", fail)
+    state = run(Calibration(gone, None), "open")
+    assert state["text"] == f"{sentence} The presses are kept in {tmp_path}."
+    assert words(state) == ["continue", "close"]
+
+
+def at_step(
+    step: scale_calibration.Step, error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., dict[str, Any]]:
+    """Choose at this step what ends in this error."""
+
+    def fail(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(ScaleCalibration, "run", fail)
+    calibration = Calibration(gone, None)
+    calibration._show(step)
+    return lambda word, **fields: run(calibration, word, **fields)
+
+
+def test_a_form_that_makes_no_sense_stays_as_it_was_filled_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    fields = (scale_calibration.Field("grams", "Weights", "50", "g"), scale_calibration.Field("ball", "Ball", "", "mm"))
+    offer = scale_calibration.Step("offer", "Calibrate", choices=(scale_calibration.BEGIN,), fields=fields)
+    state = at_step(offer, InputError("no weight"), monkeypatch)("begin", grams="many", other="x")
+    assert (state["phase"], state["text"], state["is_bad"]) == ("offer", "no weight.", True)
+    assert [one["value"] for one in state["fields"]] == ["many", ""]
+
+
+def test_a_flash_that_is_refused_leaves_the_report_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    report = scale_calibration.Step("report", "Passes", choices=(scale_calibration.FLASH,), has_report=True)
+    state = at_step(report, RefusedError("needs a signature"), monkeypatch)("flash")
+    assert (state["phase"], state["text"], words(state)) == ("report", "needs a signature.", ["flash"])
+    assert state["report"] == state["step"]
+
+
+@pytest.mark.parametrize(
+    ("grams", "presses", "ball", "wanted"),
+    [
+        ("50, 100, 200", "20", "", ((50.0, 100.0, 200.0), 20, None)),
+        ("50,100 200;5", " 1 ", "6.35 mm", ((50.0, 100.0, 200.0, 5.0), 1, 6.35)),
+        ("50,5", "200", "6,35", ((50.5, ), 200, 6.35)),
+    ],
+)  # fmt: skip
+def test_a_form_is_read_as_people_fill_it_in(grams: str, presses: str, ball: str, wanted: Any) -> None:
+    assert asked_for({"grams": grams, "presses": presses, "ball": ball}) == wanted
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({}, "weights: give one at least"),
+        ({"grams": "x", "presses": "3"}, "'x' is no weight in grams"),
+        ({"grams": "nan", "presses": "3"}, "'nan' is no weight in grams"),
+        ({"grams": "50"}, "'' is no number of presses: give 1 to 200"),
+        ({"grams": "50", "presses": "0"}, "'0' is no number of presses"),
+        ({"grams": "50", "presses": "٣"}, "is no number of presses"),
+        ({"grams": "50", "presses": "3", "ball": "0.2"}, "'0.2' is no diameter of a ball: give 1 to 50 mm"),
+        ({"grams": "50", "presses": "3", "ball": "1e1"}, "'1e1' is no diameter of a ball"),
+    ],
+)
+def test_what_makes_no_sense_is_named(fields: dict[str, str], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        asked_for(fields)
+
+
+def test_a_plan_is_read_back_and_counts_what_is_there(tmp_path: Path) -> None:
+    presses = (ScalePress(0.001, -0.002, 50.0), ScalePress(1 / 3000, 0.002, 100.0))
+    kept = Plan(6.35, "/dev/hidraw0", (50.0, 100.0), (presses, presses[:1]))
+    kept.write(tmp_path)
+    assert Plan.read(tmp_path) == kept
+    (tmp_path / "presses-1.h5").touch()
+    (tmp_path / "presses-2.h5.parts").mkdir()
+    assert (kept.n_done(tmp_path), kept.n_total) == (2, 3)
+    (tmp_path / "presses-2.h5.parts" / "00000.h5").touch()
+    assert kept.n_done(tmp_path) == 3
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", "[1, 2, 3, 4]", "[null, '', [1], [[[1, 2]]]]"])
+def test_a_spoilt_plan_is_refused_in_a_sentence(text: str, tmp_path: Path) -> None:
+    (tmp_path / "settings.json").write_text(text)
+    with pytest.raises(RuffiniError, match="begin a new calibration"):
+        Plan.read(tmp_path)
+
+
+def test_boards_that_a_scale_cannot_calibrate_say_so() -> None:
+    assert scale_span(find_board("gelslim")).half_x_m > 0
+    assert needs_ball_first(find_board("gelslim"))
+    for name in ("gelsight-wedge", "ftouch", "eltac", "stereo-fingertip"):
+        with pytest.raises(InputError, match=r"scale|videos|estimator"):
+            scale_span(find_board(name))
+
+
+def test_remedies_are_of_gates_that_there_are() -> None:
+    package = Path(scale_calibration.__file__).parents[1]
+    sources = [*package.glob("estimators/*/*.py"), package / "calibrate" / "gates.py"]
+    source = "".join(path.read_text() for path in sources)
+    assert [name for name in REMEDIES if not re.search(rf'\("{name}",', source)] == []
+
+
+class Reported(SharedLine):
+    """A line whose report is there."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__("/dev/null")
+        self._path = path
+
+    @property
+    def report(self) -> Path:
+        return self._path
+
+    async def start(self) -> None: ...
+
+    async def close(self) -> None: ...
+
+
+def test_a_report_runs_no_script_and_is_shown_in_no_foreign_page(tmp_path: Path) -> None:
+    path, told = tmp_path / "report.html", list[str]()
+
+    async def get(url: str) -> tuple[int, str, str]:
+        async with aiohttp.ClientSession() as session, session.get(url) as answer:
+            return answer.status, await answer.text(), answer.headers.get("Content-Security-Policy", "")
+
+    with serving([Reported(path)], 0, told.append):
+        assert asyncio.run(get(f"{told[0]}report/0"))[0] == 404
+        path.write_text("<p>report")
+        status, text, policy = asyncio.run(get(f"{told[0]}report/0?7"))
+        assert (status, text) == (200, "<p>report")
+        assert "default-src 'none'" in policy
+        assert "frame-ancestors 'self'; sandbox" in policy
+        assert "script" not in policy
+        assert asyncio.run(get(f"{told[0]}report/1"))[0] == 404
