@@ -153,8 +153,10 @@ def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
     def left_out(
         _: Frames, __: object, folds: list[npt.NDArray[np.bool_]], names: list[str]
     ) -> tuple[list[Array], list[Array]]:
-        assert names == ["wide", "narrow"]
-        parts = (0.1, 0.3) if len(folds) == 1 and (folds[0] == is_heavy).all() else (0.2, 0.1)
+        if names == ["size"]:
+            return [0.5 * frames.wrench], [np.ones(len(frames.wrench))]
+        assert names == ["wide", "narrow", "size"]
+        parts = (0.1, 0.3, 0.5) if len(folds) == 1 and (folds[0] == is_heavy).all() else (0.2, 0.1, 0.5)
         return [part * frames.wrench for part in parts], [np.ones(len(frames.wrench)) for _ in parts]
 
     monkeypatch.setattr(wrench_kernel_choice, "_left_out", left_out)
@@ -172,10 +174,10 @@ def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
 
 def test_few_touches_tell_no_relevance_and_get_a_smooth_kernel_without_k() -> None:
     few = wrench_kernel.LEAST_TOUCHES - 1
-    names = wrench_kernel.shape_names(np.arange(few))
-    assert names[0] == "wide"
+    *names, size = wrench_kernel.shape_names(np.repeat(np.arange(few), 5), N_FEATURES)
+    assert (names[0], size) == ("wide", "size")
     assert len(names) > 2
-    assert wrench_kernel.shape_names(np.arange(few + 1)) == ["wide", "narrow"]
+    assert wrench_kernel.shape_names(np.repeat(np.arange(few + 1), 5), N_FEATURES) == ["wide", "narrow", "size"]
     frames = frames_of([pressed(1, 0.3)], 0.0)
     found = wrench_kernel.candidates(frames.features, frames.wrench, frames.touch, names[1:])
     assert [shape.name for shape in found] == names[1:]
@@ -210,8 +212,9 @@ def test_a_glitch_of_the_reference_does_not_choose_the_kernel_of_few_touches(mon
     kernel_errors = 0.5 * errors
     kernel_errors[0] = 5 * FULL
 
-    def left_out(*_: object) -> tuple[list[Array], list[Array]]:
-        return [kernel_errors, 2 * errors], [np.ones(len(errors))] * 2
+    def left_out(*args: object) -> tuple[list[Array], list[Array]]:
+        found = [2 * errors] if args[-1] == ["size"] else [kernel_errors, 2 * errors]
+        return found, [np.ones(len(errors))] * len(found)
 
     monkeypatch.setattr(wrench_kernel_choice, "_left_out", left_out)
     chosen = wrench_kernel_choice.choose_kernel(frames, touch, [touch == 0], errors, must_extrapolate=False)
@@ -220,3 +223,42 @@ def test_a_glitch_of_the_reference_does_not_choose_the_kernel_of_few_touches(mon
     assert (
         wrench_kernel_choice.choose_kernel(frames, frames.touch, [touch == 0], errors, must_extrapolate=False) is None
     )
+
+
+def dents(seed: int, n_touches: int, part: float = 1.0) -> FeatureRun:
+    """Presses of one ball on 9 x 7 cells, each at a place of its own: slopes left and right of it cancel in sum."""
+    rng, (y, x) = np.random.default_rng(seed), np.mgrid[:7, :9]
+    rows, force = [], []
+    for _ in range(n_touches):
+        at_x, at_y = rng.uniform(2, 6), rng.uniform(2, 4)
+        for force_n in np.r_[np.zeros(3), part * rng.uniform(0.5, 1) * np.linspace(0.1, 1, N_FRAMES)]:
+            bell = force_n**0.7 * np.exp(-((x - at_x) ** 2 + (y - at_y) ** 2) / 2)
+            rows.append(np.r_[((x - at_x) * bell).ravel(), ((y - at_y) * bell).ravel()])
+            force.append(force_n)
+    features = 2e4 * np.array(rows) + rng.normal(size=(len(rows), 126)) * 100
+    wrench = np.zeros((len(rows), 6))
+    wrench[:, 2] = -np.array(force)
+    time_s = 0.05 * np.arange(len(rows))
+    touch = np.repeat(np.arange(n_touches), N_FRAMES + 3)
+    return FeatureRun(f"dents/{seed}", time_s, features.round(), np.ones(len(rows), bool), time_s, wrench, touch=touch)
+
+
+@pytest.mark.parametrize("n_touches", [8, 24])  # fewer frames than other kernels ask for, and more
+def test_the_size_of_a_dent_tells_its_force_wherever_it_is(n_touches: int) -> None:
+    fit = kept(fitted, [dents(1, n_touches)], "touch", nonlinear=True)
+    assert fit.kernel == wrench_kernel.SIZE
+    assert fit.rmse[2] < 0.05 * fit.map.full[2]
+    new = frames_of([dents(2, 30)], 0.0)
+    said = on_board(fit, new)
+    assert np.abs(said.wrench - new.wrench)[:, 2].max() < 0.12
+    assert (np.abs(said.wrench - fit.map.predicted(new)).max(axis=0) < 1e-3).all()
+    assert said.is_in_range.mean() > 0.97
+    harder = on_board(fit, frames_of([dents(3, 10, 2.0)], 0.0))
+    is_harder = new.wrench[:, 2].min() * 1.3 > frames_of([dents(3, 10, 2.0)], 0.0).wrench[:, 2]
+    assert not harder.is_in_range[is_harder].any()
+
+
+def test_more_features_than_its_table_takes_have_no_size() -> None:
+    touch = np.arange(400)
+    assert wrench_kernel.SIZE in wrench_kernel.shape_names(touch, 384)
+    assert wrench_kernel.SIZE not in wrench_kernel.shape_names(touch, 385)

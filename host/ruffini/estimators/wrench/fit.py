@@ -51,7 +51,6 @@ Folds = list[npt.NDArray[np.bool_]]
 N_FOLDS = 5
 FEW_RECORDINGS = 10  # no more than these, and each is left out alone: two at once of seven leave too little to fit
 LEFT_OUT = {"recording": "recordings", "touch": "touches", "block": "blocks of time"}
-LEAST_FRAMES = 200  # for a kernel
 LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
 FEW = 30  # features: thousands of frames determine these without a ridge, and their memories besides
 SAME_ROW_S = 0.02  # a log with one row a frame has paired them already: a smaller lag is left as it is
@@ -163,7 +162,7 @@ def fit_wrench_map(
         lags = [0.0 if is_paired or abs(lag) < SAME_ROW_S else lag for lag in lags]
     if abs(lags[-1] - lags[0]) < SAME_LAG_S:
         lags = lags[:1]
-    nonlinear = nonlinear and seen.features.shape[1] > FEW and len(seen.features) >= LEAST_FRAMES
+    nonlinear = nonlinear and seen.features.shape[1] > FEW
     fits = [_fit_at(runs, lag_s, holdout, bend, prior, nonlinear) for lag_s in lags]
     return min(fits, key=lambda fit: float((1 - fit.r2).sum()))
 

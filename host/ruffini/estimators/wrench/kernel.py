@@ -6,6 +6,10 @@ fast the wrench changes along them (automatic relevance: largest marginal likeli
 touches), or, of few touches, which tell no relevance, a smooth one without K that allows for more noise. The narrow one
 is the better where all kinds of touches were fitted, the wide one beyond their loads, the smooth one for objects that
 were not fitted: which is used is decided by errors on what was left out (`kernel_choice`). Units here: N and N mm.
+
+A dent changes the picture by as much wherever it is, so that for one kind of object the size of the change alone, |f|,
+tells the normal force from few presses, whatever place they were at. That is a kernel with one landmark, rest, and a
+curve fitted to the log (shape "size").
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg
-from scipy.optimize import minimize
+from scipy.optimize import minimize, nnls
 
 from ruffini.calibrate.container import Tensors
 from ruffini.errors import InputError
@@ -33,6 +37,8 @@ WIDE_LENGTH, START_LENGTH = 3.0, 1.4  # of the spread of all features together
 LONGEST, N_LENGTHS, GROWTH = 4.0, 5, 2.5
 HALVED = tuple((LONGEST / 2**i, (LONGEST / 2**i) ** GROWTH) for i in range(N_LENGTHS))
 GAUSSIAN = ((1.0, 1.0),)  # length and part
+SIZE, SIZE_LENGTHS, MAX_SIZE = "size", 8.0, 384  # largest |f| of the log in lengths, and KernelMap::kMaxDirections
+LEAST_FRAMES = 200  # for any other
 LEAST_TOUCHES = 50  # for relevance: fewer tell of no direction how fast the wrench changes along it
 NOISE = 2e-3  # of the wide one: variance over that of the kernel
 # Lengths and noises of the smooth one, of which what was left out of the fit chooses.
@@ -63,6 +69,7 @@ class Shape:
     noise: Array
     linear: float
     spread: float  # of the features together, raw units
+    is_of_size: bool = False  # its only landmark is rest
 
     def kernel(self, a: Array, b: Array) -> Array:
         """Of every row of `a` (t, d) with every one of `b`."""
@@ -96,9 +103,12 @@ def distances(a: Array, b: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(square, 0)))
 
 
-def shape_names(touch: npt.NDArray[np.intp]) -> list[str]:
-    """The shapes to try on a log of these touches."""
-    return ["wide", "narrow"] if len(np.unique(touch)) >= LEAST_TOUCHES else ["wide", *SMOOTH]
+def shape_names(touch: npt.NDArray[np.intp], n_features: int) -> list[str]:
+    """The shapes to try on a log: of these touches, a number for each frame."""
+    size = [SIZE] if n_features <= MAX_SIZE else []
+    if len(touch) < LEAST_FRAMES:
+        return size
+    return ["wide", "narrow", *size] if len(np.unique(touch)) >= LEAST_TOUCHES else ["wide", *SMOOTH, *size]
 
 
 def candidates(
@@ -106,6 +116,8 @@ def candidates(
 ) -> list[Shape]:
     """The shapes to choose from, by name."""
     spread = float(np.sqrt(features.var(axis=0).sum()))
+    if tuple(names) == (SIZE,):
+        return [_of_size(features, wrench, spread)]
     _, sizes, directions = np.linalg.svd((features - features.mean(axis=0)) / spread, full_matrices=False)
     gaussian, noise = _curve(GAUSSIAN), np.full(6, NOISE)
     wide = directions[: N_DIRECTIONS["wide"]] / (WIDE_LENGTH * spread)
@@ -120,7 +132,21 @@ def candidates(
         lengths, noise_found, linear = _relevance(features @ narrow.T / spread, wrench, touch, weight)
         scaled = narrow / (lengths[:, None] * spread)
         found["narrow"] = Shape("narrow", scaled, _curve(HALVED), noise_found, linear, spread)
+    if SIZE in names:
+        found[SIZE] = _of_size(features, wrench, spread)
     return [found[name] for name in names]
+
+
+def _of_size(features: Array, wrench: Array, spread: float) -> Shape:
+    """A curve a |f| + b |f|^2, a and b not negative: it rises beyond the log, too."""
+    size, force = np.linalg.norm(features, axis=1), np.linalg.norm(wrench[:, :3], axis=1)
+    length = max(float(size.max()) / SIZE_LENGTHS, 1e-9)
+    r, one = size / length, np.ones(len(size))
+    a, b = nnls(np.stack([r, r**2, one, -one], axis=1), force)[0][:2]
+    distance = np.arange(STEPS * LAST + 1) / STEPS
+    rise = a * distance + b * distance**2
+    curve = np.round((1 - rise / max(rise[-1], 1e-12)) * CURVE) / CURVE
+    return Shape(SIZE, np.eye(features.shape[1]) / length, curve, np.full(6, NOISE), 0.0, spread, is_of_size=True)
 
 
 def _curve(parts: tuple[tuple[float, float], ...]) -> Array:
@@ -224,12 +250,13 @@ def solve(features: Array, wrench: Array, shape: Shape) -> tuple[Array, KernelMa
 def _solved(features: Array, wrench: Array, shape: Shape) -> tuple[Array, KernelMap, Array]:
     """As `solve`, and the weight of each frame (t,)."""
     z, x = features @ shape.project.T, features / shape.spread
-    landmark = _landmarks(z, shape)
+    landmark = np.zeros((1, z.shape[1])) if shape.is_of_size else _landmarks(z, shape)
     middle, scale = np.median(wrench, axis=0), np.maximum(wrench.std(axis=0), 1e-12)
     factor = _factor(shape.kernel(landmark, landmark))
     basis = linalg.solve_triangular(factor, shape.kernel(landmark, z), lower=True).T
     columns = np.concatenate([basis, np.sqrt(shape.linear) * (x - x.mean(axis=0)), np.ones((len(x), 1))], axis=1)
-    held = np.r_[np.ones(columns.shape[1] - 1), 0.0]  # by the ridge: all but the constant
+    held = np.r_[np.ones(columns.shape[1] - 1), 0.0]  # by the ridge: all but the constant, and the curve of the size
+    held[0] = not shape.is_of_size
     target, weight, found = (wrench - middle) / scale, np.ones(len(x)), np.zeros((columns.shape[1], 6))
     for _ in range(N_PASSES):
         weighted = columns * weight[:, None]

@@ -16,6 +16,7 @@ Array = npt.NDArray[np.float64]
 Folds = list[npt.NDArray[np.bool_]]
 Numbers = npt.NDArray[np.intp]
 
+ENOUGH = 3e-3  # of the variance that the size leaves unexplained: nothing else is tried, which takes minutes
 HEAVY = 0.5  # of the largest force: touches beyond it stand for those of a recording that presses harder
 
 
@@ -35,10 +36,16 @@ def choose_kernel(
     must_extrapolate : the map is for other recordings, which may press harder, and no fold does: then the kernel is the
         one that errs least on the heaviest touches, by a fit without them.
     """
-    names = wrench_kernel.shape_names(touch)
+    names = wrench_kernel.shape_names(touch, frames.features.shape[1])
+    if not names:
+        return None
+    spread = frames.wrench.std(axis=0)
+    if names[-1] == wrench_kernel.SIZE and not must_extrapolate:
+        (error,), (far,) = _left_out(frames, touch, folds, names[-1:])
+        if _unexplained(rms(error), spread) < ENOUGH:
+            return Kernel(wrench_kernel.SIZE, error, far)
     found, nearest = _left_out(frames, touch, folds, names)
     judged = _left_out(frames, touch, [heavy(frames, touch)], names)[0] if must_extrapolate else found
-    spread = frames.wrench.std(axis=0)
     # Of few touches one glitch of the reference would outweigh all else in squares.
     size = rms if "narrow" in names else mean_abs
     best = int(np.argmin([_unexplained(size(each), spread) for each in judged]))
@@ -76,7 +83,9 @@ def kernel_fitted(frames: Frames, touch: Numbers, full: Array, chosen: Kernel) -
     """K and kernel of all frames; what is further from a landmark than frames left out were is outside."""
     (shape,) = wrench_kernel.candidates(frames.features, frames.wrench, touch, [chosen.name])
     gain, kernel = wrench_kernel.solve(frames.features, frames.wrench, shape)
-    reach = float(np.quantile(chosen.nearest, wrench_kernel.REACH_SHARE))
+    # A size that some touch had is known, whichever touches were left out.
+    share = 1.0 if shape.is_of_size else wrench_kernel.REACH_SHARE
+    reach = float(np.quantile(chosen.nearest, share))
     kernel = replace(kernel, weight=kernel.weight * (full > 0)[:, None], offset=kernel.offset * (full > 0), reach=reach,
                      spread=1 / max(reach, 1e-6))  # fmt: skip
     n = frames.features.shape[1]
