@@ -45,8 +45,8 @@ size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uin
 MessageEncoder::MessageEncoder(const FramePath& path, uint8_t sensor) : sensor_(sensor) {
   const auto n_nodes = static_cast<size_t>(path.nodes().size().count());
   const auto n_depth = static_cast<size_t>(path.state().depth.grid.count());
-  const size_t n_values = std::max({3 * n_nodes, n_depth, 2 * path.markers().size(), 2 * path.targets().size(),
-                                    path.state().features.value.size()});
+  const size_t n_values = std::max(
+      {3 * n_nodes, n_depth, 2 * path.markers().size(), 2 * path.targets().size(), path.state().features.value.size()});
   const auto n_image = static_cast<size_t>(path.board().camera.width_px * path.board().camera.height_px) * 3;
   values_.resize(n_values);
   dense_[0].resize(std::max(dense_bound(n_values), n_image));

@@ -616,4 +616,5 @@ class NetworkState:
 
 
 RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "CONTACTS": Contacts, "IMAGE": Image,
-                           "LEARNED": Learned, "RESIDUAL": Residual, "MARKERS": Markers, "FEATURES": Features}  # fmt: skip
+                           "LEARNED": Learned, "RESIDUAL": Residual, "MARKERS": Markers,
+                           "FEATURES": Features}  # fmt: skip

@@ -50,8 +50,8 @@ TEST(FeaturesMessage, HasTheChangeOfLightCellByCell) {
   EXPECT_EQ(m.stamp.frame, 7U);
   EXPECT_EQ(m.stamp.capture_us, 5U);
   EXPECT_EQ(m.value.n_components, 1U);
-  const auto values = test::decode_dense(m.value.codec == ruffini_Dense_Codec_CODEC_SPARSE,
-                                         size_t{m.value.n_x} * m.value.n_y, 1, data);
+  const auto values =
+      test::decode_dense(m.value.codec == ruffini_Dense_Codec_CODEC_SPARSE, size_t{m.value.n_x} * m.value.n_y, 1, data);
   ASSERT_TRUE(values);
   ASSERT_EQ(values->size(), 6U);
   for (const size_t unchanged : {0U, 1U, 2U, 3U, 5U}) EXPECT_NEAR((*values)[unchanged], 0, 700);

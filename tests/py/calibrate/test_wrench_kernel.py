@@ -258,6 +258,20 @@ def test_the_size_of_a_dent_tells_its_force_wherever_it_is(n_touches: int) -> No
     assert not harder.is_in_range[is_harder].any()
 
 
+def test_a_dozen_readings_of_a_scale_are_enough() -> None:
+    """One row at rest and one of the hold each."""
+    whole = dents(1, 12)
+    rows = np.flatnonzero(np.isin(np.arange(len(whole.time_s)) % (N_FRAMES + 3), (0, N_FRAMES + 2)))
+    time_s = whole.time_s[rows]
+    assert whole.touch is not None
+    run = replace(whole, time_s=time_s, features=whole.features[rows], is_good=whole.is_good[rows], reference_s=time_s,
+                  reference=whole.reference[rows], touch=whole.touch[rows])  # fmt: skip
+    fit = kept(fitted, [run], "touch", nonlinear=True)
+    assert (fit.kernel, fit.lag_s) == (wrench_kernel.SIZE, 0.0)
+    new = frames_of([dents(2, 30)], 0.0)
+    assert np.abs(on_board(fit, new).wrench - new.wrench)[:, 2].max() < 0.15
+
+
 def test_more_features_than_its_table_takes_have_no_size() -> None:
     touch = np.arange(400)
     assert wrench_kernel.SIZE in wrench_kernel.shape_names(touch, 384)
