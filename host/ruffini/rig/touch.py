@@ -112,7 +112,8 @@ def activity_of(window: Window) -> Array | None:
     when, moved = _moved(window)
     if not when:
         return None
-    return np.interp([f.stream_s for f in window.frames], when, np.linalg.norm(moved, axis=2).mean(axis=1))
+    activity: Array = np.linalg.norm(moved, axis=2).mean(axis=1)
+    return np.interp([f.stream_s for f in window.frames], when, activity)
 
 
 def motion_of(window: Window) -> Array | None:
