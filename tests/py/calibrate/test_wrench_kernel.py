@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 FULL = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])  # N, N mm
 TO_N_M = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])
 N_FEATURES, N_TOUCHES, N_FRAMES = 40, 60, 8
+SIZES = list(wrench_kernel.SIZES)
 
 
 @pytest.fixture(autouse=True)
@@ -46,9 +47,9 @@ def pressed(seed: int, bend: float, size: float = 1.0) -> FeatureRun:
                       touch=touch)  # fmt: skip
 
 
-def fitted(runs: list[FeatureRun], holdout: str, *, nonlinear: bool) -> Fit:
+def fitted(runs: list[FeatureRun], holdout: str, *, nonlinear: bool, grid: tuple[int, int, int] | None = None) -> Fit:
     """With what `_small` says, which is of this file: `kept` knows it."""
-    return fit_wrench_map(runs, holdout=holdout, nonlinear=nonlinear)
+    return fit_wrench_map(runs, holdout=holdout, nonlinear=nonlinear, grid=grid)
 
 
 def test_a_kernel_is_used_where_it_pays_and_the_board_says_the_same() -> None:
@@ -151,12 +152,10 @@ def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
     is_heavy = wrench_kernel_choice.heavy(frames, frames.touch)
 
     def left_out(
-        _: Frames, __: object, folds: list[npt.NDArray[np.bool_]], names: list[str]
+        _: Frames, __: object, folds: list[npt.NDArray[np.bool_]], names: list[str], ___: object
     ) -> tuple[list[Array], list[Array]]:
-        if names == ["size"]:
-            return [0.5 * frames.wrench], [np.ones(len(frames.wrench))]
-        assert names == ["wide", "narrow", "size"]
-        parts = (0.1, 0.3, 0.5) if len(folds) == 1 and (folds[0] == is_heavy).all() else (0.2, 0.1, 0.5)
+        assert names == ["wide", "narrow"]
+        parts = (0.1, 0.3) if len(folds) == 1 and (folds[0] == is_heavy).all() else (0.2, 0.1)
         return [part * frames.wrench for part in parts], [np.ones(len(frames.wrench)) for _ in parts]
 
     monkeypatch.setattr(wrench_kernel_choice, "_left_out", left_out)
@@ -174,10 +173,10 @@ def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
 
 def test_few_touches_tell_no_relevance_and_get_a_smooth_kernel_without_k() -> None:
     few = wrench_kernel.LEAST_TOUCHES - 1
-    *names, size = wrench_kernel.shape_names(np.repeat(np.arange(few), 5), N_FEATURES)
-    assert (names[0], size) == ("wide", "size")
+    names = wrench_kernel.shape_names(np.repeat(np.arange(few), 5))
+    assert names[0] == "wide"
     assert len(names) > 2
-    assert wrench_kernel.shape_names(np.repeat(np.arange(few + 1), 5), N_FEATURES) == ["wide", "narrow", "size"]
+    assert wrench_kernel.shape_names(np.repeat(np.arange(few + 1), 5)) == ["wide", "narrow"]
     frames = frames_of([pressed(1, 0.3)], 0.0)
     found = wrench_kernel.candidates(frames.features, frames.wrench, frames.touch, names[1:])
     assert [shape.name for shape in found] == names[1:]
@@ -212,9 +211,8 @@ def test_a_glitch_of_the_reference_does_not_choose_the_kernel_of_few_touches(mon
     kernel_errors = 0.5 * errors
     kernel_errors[0] = 5 * FULL
 
-    def left_out(*args: object) -> tuple[list[Array], list[Array]]:
-        found = [2 * errors] if args[-1] == ["size"] else [kernel_errors, 2 * errors]
-        return found, [np.ones(len(errors))] * len(found)
+    def left_out(*_: object) -> tuple[list[Array], list[Array]]:
+        return [kernel_errors, 2 * errors], [np.ones(len(errors))] * 2
 
     monkeypatch.setattr(wrench_kernel_choice, "_left_out", left_out)
     chosen = wrench_kernel_choice.choose_kernel(frames, touch, [touch == 0], errors, must_extrapolate=False)
@@ -245,8 +243,8 @@ def dents(seed: int, n_touches: int, part: float = 1.0) -> FeatureRun:
 
 @pytest.mark.parametrize("n_touches", [8, 24])  # fewer frames than other kernels ask for, and more
 def test_the_size_of_a_dent_tells_its_force_wherever_it_is(n_touches: int) -> None:
-    fit = kept(fitted, [dents(1, n_touches)], "touch", nonlinear=True)
-    assert fit.kernel == wrench_kernel.SIZE
+    fit = kept(fitted, [dents(1, n_touches)], "touch", nonlinear=True, grid=(2, 7, 9))
+    assert fit.kernel in SIZES
     assert fit.rmse[2] < 0.05 * fit.map.full[2]
     new = frames_of([dents(2, 30)], 0.0)
     said = on_board(fit, new)
@@ -266,13 +264,14 @@ def test_a_dozen_readings_of_a_scale_are_enough() -> None:
     assert whole.touch is not None
     run = replace(whole, time_s=time_s, features=whole.features[rows], is_good=whole.is_good[rows], reference_s=time_s,
                   reference=whole.reference[rows], touch=whole.touch[rows])  # fmt: skip
-    fit = kept(fitted, [run], "touch", nonlinear=True)
-    assert (fit.kernel, fit.lag_s) == (wrench_kernel.SIZE, 0.0)
+    fit = kept(fitted, [run], "touch", nonlinear=True, grid=(2, 7, 9))
+    assert fit.kernel in SIZES
+    assert fit.lag_s == 0
     new = frames_of([dents(2, 30)], 0.0)
     assert np.abs(on_board(fit, new).wrench - new.wrench)[:, 2].max() < 0.15
 
 
 def test_more_features_than_its_table_takes_have_no_size() -> None:
     touch = np.arange(400)
-    assert wrench_kernel.SIZE in wrench_kernel.shape_names(touch, 384)
-    assert wrench_kernel.SIZE not in wrench_kernel.shape_names(touch, 385)
+    assert set(SIZES) < set(wrench_kernel.shape_names(touch, (3, 8, 16)))
+    assert not set(SIZES) & set(wrench_kernel.shape_names(touch, (1, 5, 77)))

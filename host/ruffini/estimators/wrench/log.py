@@ -70,6 +70,7 @@ class Features(NamedTuple):
 
     sort: str
     n: int
+    grid: tuple[int, int, int] | None = None  # of a picture: planes, rows, columns
 
 
 def features_of(board: Board) -> Features:
@@ -85,7 +86,8 @@ def features_of(board: Board) -> Features:
     if board.markers is not None and "markers" in board.pipeline.stages:
         return Features("markers", 2 * board.markers.n_x * board.markers.n_y)
     if board.picture_features is not None and "picture_features" in board.pipeline.stages:
-        return Features("picture", 3 * board.picture_features.n_x * board.picture_features.n_y)
+        grid = (3, board.picture_features.n_y, board.picture_features.n_x)
+        return Features("picture", int(np.prod(grid)), grid)
     raise InputError(
         f"board {board.name!r} has no stage targets, markers or picture_features: nothing to make a wrench of"
     )

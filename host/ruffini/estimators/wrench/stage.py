@@ -78,7 +78,8 @@ class WrenchEstimator(Estimator):
         mechanics: Mechanics = {"bend": second_order_of(job.board), "prior": marker_prior(job.board)}
         features = features_of(job.board)
         # The change of a picture is not in proportion to the normal force: slopes on either side of a dent cancel.
-        fit = fit_wrench_map(runs, holdout=holdout, nonlinear=features.sort == "picture", **mechanics)
+        fit = fit_wrench_map(runs, holdout=holdout, nonlinear=features.grid is not None, grid=features.grid,
+                             **mechanics)  # fmt: skip
         tensors, metadata = tables(fit, features)
         job.tensors |= tensors
         job.metadata |= metadata
