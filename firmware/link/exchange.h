@@ -12,7 +12,7 @@
 
 namespace ruffini {
 
-inline constexpr size_t kMessageTypes = 17;
+inline constexpr size_t kMessageTypes = 18;
 inline constexpr size_t kTelemetryRingBytes = size_t{4} << 20;
 inline constexpr int32_t kNoTemperature = INT32_MIN;
 inline constexpr int kNoZeroRequest = -1;

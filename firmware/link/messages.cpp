@@ -45,7 +45,8 @@ size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uin
 MessageEncoder::MessageEncoder(const FramePath& path, uint8_t sensor) : sensor_(sensor) {
   const auto n_nodes = static_cast<size_t>(path.nodes().size().count());
   const auto n_depth = static_cast<size_t>(path.state().depth.grid.count());
-  const size_t n_values = std::max({3 * n_nodes, n_depth, 2 * path.markers().size(), 2 * path.targets().size()});
+  const size_t n_values = std::max(
+      {3 * n_nodes, n_depth, 2 * path.markers().size(), 2 * path.targets().size(), path.state().features.value.size()});
   const auto n_image = static_cast<size_t>(path.board().camera.width_px * path.board().camera.height_px) * 3;
   values_.resize(n_values);
   dense_[0].resize(std::max(dense_bound(n_values), n_image));
@@ -251,6 +252,17 @@ size_t MessageEncoder::markers(const FramePath& path, const FrameStamp& stamp) {
   return serialise(ruffini_Markers_fields, &m);
 }
 
+size_t MessageEncoder::features(const FramePath& path, const FrameStamp& stamp) {
+  const std::vector<int32_t>& value = path.state().features.value;
+  ruffini_Features m = ruffini_Features_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto(stamp, path.state().flags);
+  std::copy(value.begin(), value.end(), values_.begin());
+  m.has_value = true;
+  pack(m.value, {.n_x = static_cast<int>(value.size()), .n_y = 1}, 1, 0);
+  return serialise(ruffini_Features_fields, &m);
+}
+
 size_t MessageEncoder::image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp) {
   ruffini_Image m = ruffini_Image_init_zero;
   m.has_stamp = true;
@@ -292,6 +304,9 @@ void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, con
       break;
     case ruffini_MessageType_MESSAGE_TYPE_MARKERS:
       n = markers(path, stamp);
+      break;
+    case ruffini_MessageType_MESSAGE_TYPE_FEATURES:
+      n = features(path, stamp);
       break;
     case ruffini_MessageType_MESSAGE_TYPE_RESIDUAL:
       n = residual(path, stamp);

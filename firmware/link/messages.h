@@ -45,6 +45,7 @@ class MessageEncoder {
   size_t depth(const FramePath& path, const FrameStamp& stamp);
   size_t contacts(const FramePath& path, const FrameStamp& stamp);
   size_t markers(const FramePath& path, const FrameStamp& stamp);
+  size_t features(const FramePath& path, const FrameStamp& stamp);
   size_t targets(const FramePath& path, const FrameStamp& stamp);
   size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);
   void send(ruffini_MessageType type, size_t n_payload, uint8_t flags, const Sink& sink);

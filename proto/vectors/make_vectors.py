@@ -78,6 +78,9 @@ def good_frames() -> list[tuple[str, bytes, str]]:
     add("wrench and how sure it is", 4, wrench_with_covariance(), sequence=7)
     add("field and how sure it is", 5, field_with_sigma(), sequence=8)
     add("what the forces do not explain", 16, residual_of_two_nodes(), sequence=9)
+    # Features{capture_us=1000, frame=7; -1, 70000, 0}
+    dense = part(2, 3) + part(3, 1) + part(4, 1) + part(5, packed([-1, 70_000, 0]))
+    add("features of a wrench", 17, part(1, part(1, 1000) + part(2, 7)) + part(2, dense), sequence=9)
     add("reply ok", 12, bytes.fromhex("0807"), sensor=255, sequence=6)
     add("payload of one zero", 9, b"\0")
     add("payload of zeros", 9, bytes(40))

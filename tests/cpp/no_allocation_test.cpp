@@ -120,6 +120,7 @@ Outcome run_daemon(const test::Scene& scene, bool plants, const NetworkLoader& n
   }
   exchange.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED] = 1;
   exchange.every[ruffini_MessageType_MESSAGE_TYPE_RESIDUAL] = 1;
+  exchange.every[ruffini_MessageType_MESSAGE_TYPE_FEATURES] = 1;
   Calibrator calibrator(board, "0000", SlotStore::open(folder).value(), exchange);
   auto port = std::make_unique<SerialPort>(SerialPort::open("pty").value());
   const int host = ::open(port->host_path().c_str(), O_RDONLY | O_NOCTTY);

@@ -19,18 +19,20 @@ from ruffini.cli.auto import simulated_site
 from ruffini.errors import InputError
 from ruffini.estimators.table import task_of
 from ruffini.estimators.task import Turned
+from ruffini.estimators.wrench.log import read_feature_runs
 from ruffini.rig.collect import collect, rehearse
 from ruffini.rig.log_file import LogWriter, read_log
 from ruffini.rig.program import BY_STAGE
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
+from ruffini.sim.settings import load_twin
 
 SLOW = {"eltac"}  # half a second a picture of a tube: a minute of processor time
 BOARDS = [
     pytest.param(name, marks=pytest.mark.long if name in SLOW else ())
     for name in sorted(path.parent.name for path in (ROOT / "boards").glob("*/board.toml"))
 ]
-BY_VIDEO = {"digit-tactile", "gelsight-wedge", "ninedtact"}  # their picture features are in no log of `cal collect`
+NO_TWIN = {"gelsight-wedge"}  # known by recordings alone
 COARSE = "cells_x = 10\ncells_y = 8"
 LEAST_N = 0.1
 
@@ -47,9 +49,9 @@ def coarse(name: str, folder: Path) -> Board:
 
 @pytest.mark.parametrize("name", BOARDS)
 def test_what_a_boards_estimator_presses_is_collected_or_refused_in_one_sentence(name: str, tmp_path: Path) -> None:
-    if name in BY_VIDEO:
-        with pytest.raises(InputError, match="record videos beside a load cell and fit them with `ruffini cal fit"):
-            task_of(find_board(name))
+    if name in NO_TWIN:
+        with pytest.raises(InputError, match="twin"):
+            load_twin(find_board(name))
         return
     board = coarse(name, tmp_path)
     task = task_of(board)
@@ -72,6 +74,10 @@ def test_what_a_boards_estimator_presses_is_collected_or_refused_in_one_sentence
     assert truth is not None
     true = truth.of(touch)
     assert np.nanmax(np.linalg.norm(true[:, :3], axis=1)) > LEAST_N
+    if board.picture_features is not None:
+        (run,) = read_feature_runs([tmp_path / "log.h5"], board)
+        size, force = np.linalg.norm(run.features, axis=1), -run.at(0.0)[:, 2]
+        assert np.corrcoef(size, force)[0, 1] > 0.95
     word = task.word(board, read_log(tmp_path / "log.h5"), touch, true)
     assert np.isfinite(word.true).all()
     assert task.figures([word])["largest_force_n"] > LEAST_N

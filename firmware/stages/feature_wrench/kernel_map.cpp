@@ -25,7 +25,7 @@ constexpr int kMaxShift = 40;
 constexpr int64_t kMaxRowSum = int64_t{1} << 36;
 
 // The sums stay inside 63 bits: squares of differences, w k.
-static_assert(KernelMap::kMaxDirections * (2 * kMaxPlace) * (2 * kMaxPlace) <= int64_t{1} << 62);
+static_assert(KernelMap::kMaxDirections <= std::numeric_limits<int64_t>::max() / ((2 * kMaxPlace) * (2 * kMaxPlace)));
 static_assert(KernelMap::kMaxLandmarks * kMaxWeight * int64_t{kMaxCurve} <= int64_t{1} << 62);
 
 bool are_within(std::span<const int32_t> values, int64_t limit) {
@@ -48,7 +48,7 @@ Result<KernelMap> KernelMap::load(const Calibration& c, int n_features) {
   if (landmark == nullptr) return out;
   if (landmark->type != Tensor::Type::kI32 || landmark->shape.size() != 2 || landmark->shape[0] < 1 ||
       landmark->shape[0] > kMaxLandmarks || landmark->shape[1] < 1 || landmark->shape[1] > kMaxDirections) {
-    return refused("landmark is no table of 1 to 1,024 places in 1 to 256 directions");
+    return refused("landmark is no table of 1 to 1,024 places in 1 to 384 directions");
   }
   const int64_t m = landmark->shape[0];
   const int64_t d = landmark->shape[1];

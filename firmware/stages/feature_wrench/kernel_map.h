@@ -23,7 +23,7 @@ namespace ruffini {
 class KernelMap {
  public:
   static constexpr size_t kAxes = 6;
-  static constexpr int64_t kMaxDirections = 256;
+  static constexpr int64_t kMaxDirections = 384;
   static constexpr int64_t kMaxLandmarks = 1'024;
   using Axes = std::array<int64_t, kAxes>;
 

@@ -164,6 +164,7 @@ def wrench(
         bend=second_order_of(found) if found else None,
         prior=marker_prior(found) if found and prior else None,
         nonlinear=nonlinear,
+        grid=sort.grid if videos is None else None,  # the size tells one kind of object, and videos are of several
     )
     for line in fit.checks:
         note(line)

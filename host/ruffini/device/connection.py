@@ -32,7 +32,7 @@ SILENCE_S = 5.0  # without a frame: the camera has stalled
 IMAGE_S = 3 * SILENCE_S  # without an image, which takes seconds on a slow line
 MAX_TURN_S = 0.5  # an iteration of a stream waits 20 ms for bytes; a longer one was suspended or did other work
 MAX_ASKED = 4096  # pending time exchanges
-YOUNG_TYPES = ("learned", "residual")  # message types that older firmware lacks
+YOUNG_TYPES = ("learned", "residual", "features")  # message types that older firmware lacks
 DAMAGED = (
     "two frames arrived damaged within six minutes: do not use these forces for control until the cable is fixed "
     "(one damaged frame in 4 billion passes as good)"
@@ -378,7 +378,7 @@ class Connection:
     def subscribe(self, **every: int) -> None:
         """Subscribe to each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces earlier subscriptions.
 
-        `learned` and `residual` are ignored if the firmware predates these messages.
+        Of `YOUNG_TYPES` those are ignored that the firmware predates.
         """
         numbers = self.schema.type_numbers
         every = {name: n for name, n in every.items() if name.upper() in numbers or name not in YOUNG_TYPES}

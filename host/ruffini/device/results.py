@@ -517,6 +517,22 @@ class Markers:
 
 
 @dataclass(frozen=True)
+class Features:
+    """What the wrench of a frame is made of: integers (n,) as the board has them, for calibration."""
+
+    capture_s: float
+    frame: int
+    flags: int
+    value: npt.NDArray[np.int32]
+
+    @classmethod
+    def from_message(cls, m: Any) -> Features:
+        value = _dense(m.value)
+        _fits(value.shape[0] == 1 == value.shape[2], "a FEATURES that is no row")
+        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, value.ravel())
+
+
+@dataclass(frozen=True)
 class Image:
     """The camera's frame, (h, w, 3) uint8, B G R; only every step_px-th pixel if the whole frame exceeds a message."""
 
@@ -600,4 +616,5 @@ class NetworkState:
 
 
 RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "CONTACTS": Contacts, "IMAGE": Image,
-                           "LEARNED": Learned, "RESIDUAL": Residual, "MARKERS": Markers}  # fmt: skip
+                           "LEARNED": Learned, "RESIDUAL": Residual, "MARKERS": Markers,
+                           "FEATURES": Features}  # fmt: skip

@@ -36,7 +36,7 @@ class Estimator:
     is_reported: ClassVar[bool] = False  # a file with `kinds[0]` is judged by `report`
     takes_prior: ClassVar[bool] = False  # `report` begins its fits of fewer presses with a fleet's numbers
     needed: ClassVar[tuple[str, ...]] = ()  # kinds of `kinds` that nothing stands in for if a fit leaves it out
-    task: ClassVar[Task | Turned | None] = None  # what a bench presses for it; None: it is fitted to others' touches
+    task: ClassVar[Task | Turned | None] = None  # of any board (`task_of`)
     first_program: ClassVar[str] = ""  # touches that it is fitted to before the task's, with a bench that has nothing
 
     def applies(self, board: Board) -> bool:
@@ -61,8 +61,9 @@ class Estimator:
     def start(self, job: Job) -> None:
         """Make the tables that follow from the board alone, before there is a log; most have none."""
 
-    def check_log(self, board: Board) -> None:
-        """Raises InputError if a log of `cal collect` does not keep what the fit reads of this board."""
+    def task_of(self, board: Board) -> Task | Turned | None:
+        """What a bench presses for it; None: it is fitted to others' touches."""
+        return self.task
 
     def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
         """Judge the report of its fit, on what the fit left out."""

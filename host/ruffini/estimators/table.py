@@ -50,28 +50,20 @@ def task_of(board: Board) -> Task | Turned:
     Raises
     ------
     InputError
-        It has no estimator that can be fitted, or one whose fit reads what a log does not keep.
+        It has no estimator that can be fitted.
     """
     for estimator in applying(board):
-        if estimator.task is not None:
-            estimator.check_log(board)
-            return estimator.task
+        if (task := estimator.task_of(board)) is not None:
+            return task
     raise InputError(f"board {board.name!r} has no estimator yet that `cal auto` could fit: its stages "
                      f"({', '.join(board.pipeline.stages)}) make no force, no wrench, no skin's contacts")  # fmt: skip
 
 
 def pressed_for(board: Board) -> Task:
-    """The task whose depth, shear and ball suit a board: its estimator's, or that of forces if a bench presses none.
-
-    Raises
-    ------
-    InputError
-        The fit of that estimator reads what a log does not keep.
-    """
+    """The task whose depth, shear and ball suit a board: its estimator's, or that of forces if a bench presses none."""
     for estimator in applying(board):
-        if isinstance(estimator.task, Task):
-            estimator.check_log(board)
-            return estimator.task
+        if isinstance(task := estimator.task_of(board), Task):
+            return task
     return FORCES
 
 

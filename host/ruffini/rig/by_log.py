@@ -22,7 +22,7 @@ from ruffini.rig.cutting import Cut, cut, tare_of
 from ruffini.rig.found import estimate
 from ruffini.rig.log_file import LogWriter
 from ruffini.rig.reference import Reading
-from ruffini.rig.stream_watch import StreamWatch, Window
+from ruffini.rig.stream_watch import KINDS, StreamWatch, Window
 from ruffini.rig.touch import activity_of, faults_of, record_of
 from ruffini.rig.window_file import packed, read_window
 
@@ -172,7 +172,7 @@ def _chunks(log: LogWriter) -> list[Path]:
 
 
 def _kept(log: LogWriter) -> tuple[Window, str]:
-    window, session = Window([], [], [], [], []), ""
+    window, session = Window(*([] for _ in KINDS)), ""
     for path in _chunks(log):
         session = read_window(path, window)
     if not window.frames:

@@ -34,6 +34,7 @@ OPTIONAL = {  # clock: array, number of dimensions, unit; a unit of None is fact
     "rest_field_s": ("rest_field_displacement", 4, "m"),
     "marker_s": ("marker_displacement", 3, None),
     "image_s": ("image", 4, ""),
+    "feature_s": ("feature", 2, ""),  # the board's integers, where it has no markers or targets
 }
 CONTACTS = {  # optional, all or none: a row for each contact in each frame; columns, unit
     "contact_s": (None, "s"), "contact_number": (None, ""), "contact_place": (2, "m"), "contact_force": (None, "N"),

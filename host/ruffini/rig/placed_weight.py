@@ -9,6 +9,7 @@ from ruffini.errors import InputError
 from ruffini.rig.reference import Facts, Reading, pressing
 from ruffini.rig.units import GRAVITY_M_S2
 
+NAME = "placed weight"
 MAX_GRAMS = 20000.0
 GRAMS = re.compile(r"\s*(\d{1,5}(?:[.,]\d{1,4})?)\s*g?\s*", re.ASCII)
 MAX_SHOWN = 20  # characters of what was typed
@@ -45,7 +46,7 @@ class PlacedWeight:
             )
         self._gravity, self._grams = gravity_m_s2, 0.0
         to_n = 1e-3 * gravity_m_s2
-        self.facts = Facts.of_one_axis("placed weight", MAX_GRAMS * to_n, sigma_grams * to_n, RATE_HZ, "g")
+        self.facts = Facts.of_one_axis(NAME, MAX_GRAMS * to_n, sigma_grams * to_n, RATE_HZ, "g")
 
     def place(self, grams: float) -> None:
         """From now on this weight is on the pad."""

@@ -89,11 +89,13 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
     dense_every = max(1, round(camera.rate_mhz * 1e-3 / DENSE_HZ))
     image_every = math.ceil(frame_hz * camera.width_px * camera.height_px * 3 / pace.image_bytes_per_s)
     has_markers = board.writes("markers") or board.writes("targets")
+    has_features = board.writes("features") and not has_markers  # those of markers and targets follow from their motion
     has_contacts = board.writes("skin") or board.writes("contact_model")
     with StreamWatch(
         sensor, field_every=dense_every * board.writes("displacement"),
         marker_every=has_markers * (dense_every if board.writes("node_forces") else 1),
-        image_every=image_every, contact_every=int(has_contacts), stall_s=pace.stall_s,
+        image_every=image_every, contact_every=int(has_contacts), feature_every=int(has_features),
+        stall_s=pace.stall_s,
     ) as stream:  # fmt: skip
         stream.wait_for_rest(bits[NO_REFERENCE])
         bad_flags = {bit: name.removeprefix("FLAG_").lower() for name, bit in bits.items()}

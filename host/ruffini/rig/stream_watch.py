@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ruffini import host_clock
 from ruffini.device import Connection, Contacts, Field, Wrench
-from ruffini.device.results import NOT_MEASURED, RESULTS, Image, Markers
+from ruffini.device.results import NOT_MEASURED, RESULTS, Features, Image, Markers
 from ruffini.errors import NoDeviceError, RuffiniError
 
 Array = npt.NDArray[np.float64]
@@ -54,6 +54,13 @@ class MarkerSample(NamedTuple):
     place: Array | None
 
 
+class FeatureSample(NamedTuple):
+    """Features (n,) of the wrench, the board's integers, at the sensor's own time."""
+
+    stream_s: float
+    value: npt.NDArray[np.int32]
+
+
 class ImageSample(NamedTuple):
     """Picture (h, w, 3), each `step_px`-th pixel, at the sensor's own time."""
 
@@ -85,6 +92,7 @@ class Window(NamedTuple):
     markers: list[MarkerSample]
     images: list[ImageSample]
     contacts: list[ContactSample]
+    features: list[FeatureSample]
 
     def between(self, low_s: float, high_s: float) -> Window:
         """What was measured in a time of the sensor's own clock."""
@@ -93,8 +101,10 @@ class Window(NamedTuple):
         )
 
 
-Sample = StreamSample | FieldSample | MarkerSample | ImageSample | ContactSample
-KINDS: tuple[type[Sample], ...] = (StreamSample, FieldSample, MarkerSample, ImageSample, ContactSample)  # of a Window
+Sample = StreamSample | FieldSample | MarkerSample | ImageSample | ContactSample | FeatureSample
+KINDS: tuple[type[Sample], ...] = (
+    StreamSample, FieldSample, MarkerSample, ImageSample, ContactSample, FeatureSample,
+)  # of a Window  # fmt: skip
 
 
 class StreamWatch:
@@ -102,17 +112,18 @@ class StreamWatch:
 
     Parameters
     ----------
-    field_every, marker_every, image_every, contact_every : each n-th frame's; 0 = none.
+    field_every, marker_every, image_every, contact_every, feature_every : each n-th frame's; 0 = none.
     stall_s : longer without a frame, and the camera stands still.
     """
 
     def __init__(
         self, sensor: Connection, *, field_every: int = 1, marker_every: int = 0, image_every: int = 0,
-        contact_every: int = 0, stall_s: float = STALL_S,
+        contact_every: int = 0, feature_every: int = 0, stall_s: float = STALL_S,
     ) -> None:  # fmt: skip
         sensor.subscribe(
-            wrench=1, field=field_every, markers=marker_every, image=image_every, contacts=contact_every, status=1
-        )
+            wrench=1, field=field_every, markers=marker_every, image=image_every, contacts=contact_every,
+            features=feature_every, status=1,
+        )  # fmt: skip
         self.name, self.stall_s, self.has_images = f"sensor on {sensor.port}", stall_s, image_every > 0
         self._sensor = sensor
         self._samples: deque[tuple[float, Sample]] = deque()  # with the host's time of arrival
@@ -138,9 +149,13 @@ class StreamWatch:
         schema = self._sensor.schema
         readers: dict[str, Callable[[float, Any], list[Sample]]] = {
             "WRENCH": _frame, "FIELD": _field, "MARKERS": _markers, "IMAGE": _image, "CONTACTS": _contacts,
+            "FEATURES": _features,
         }  # fmt: skip
         stale = schema.enum_number("FlagBit", "FLAG_STALE")
-        by_type = {schema.type_numbers[name]: (RESULTS[name], read) for name, read in readers.items()}
+        by_type = {
+            schema.type_numbers[name]: (RESULTS[name], read)
+            for name, read in readers.items() if name in schema.type_numbers
+        }  # fmt: skip
         try:
             while not self._stop.is_set():
                 for frame, message in self._sensor.stream(timeout_s=0.1):
@@ -263,6 +278,10 @@ def _markers(_: float, m: Markers) -> list[Sample]:
     if m.area_px2 is not None:
         moved = np.hstack([moved, m.area_px2.reshape(-1, 1)])
     return [MarkerSample(m.capture_s, moved, None if m.rest_px is None else m.rest_px.reshape(-1, 2))]
+
+
+def _features(_: float, features: Features) -> list[Sample]:
+    return [FeatureSample(features.capture_s, features.value)]
 
 
 def _image(_: float, image: Image) -> list[Sample]:

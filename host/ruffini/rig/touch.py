@@ -27,6 +27,8 @@ FREE_N = CONTACT_N / 2  # of the reference after the tip was lifted
 FIELDS_KEPT, IMAGES_KEPT = 4, 4  # of a hold: they are all alike
 REST_FIELDS_KEPT = 8  # of before it: 16 touches then tell the noise of the untouched pad
 MARKERS_KEPT = 40
+FREE_FEATURES_KEPT, FEATURES_KEPT = 10, 40  # before the contact and from it on: the forces on the way count, too
+FEATURE_STEPS = 65536.0
 MOTIONS = 3  # ways of moving that are kept: as many as a force has axes
 
 
@@ -97,25 +99,34 @@ def _stream_arrays(samples: list[StreamSample]) -> Arrays:
     }  # fmt: skip
 
 
+def _moved(window: Window) -> tuple[list[float], Array]:
+    """Times, and what has moved from rest (t, n, k): markers in px, or on a gel without them the features."""
+    if window.markers:
+        return [m.stream_s for m in window.markers], np.array([m.displacement[:, :2] for m in window.markers])
+    rows = np.array([f.value for f in window.features], np.float64)
+    return [f.stream_s for f in window.features], rows[..., None] / FEATURE_STEPS
+
+
 def activity_of(window: Window) -> Array | None:
-    """How far the markers moved on the average, px, in each frame: what is pressed shows where no force is measured."""
-    if not window.markers:
+    """How far the markers moved on the average in each frame: what is pressed shows where no force is measured."""
+    when, moved = _moved(window)
+    if not when:
         return None
-    moved = [float(np.linalg.norm(m.displacement[:, :2], axis=1).mean()) for m in window.markers]
-    return np.interp([f.stream_s for f in window.frames], [m.stream_s for m in window.markers], moved)
+    activity: Array = np.linalg.norm(moved, axis=2).mean(axis=1)
+    return np.interp([f.stream_s for f in window.frames], when, activity)
 
 
 def motion_of(window: Window) -> Array | None:
-    """The markers' motion in the ways in which they moved most in this time, strongest first, (t, MOTIONS) px.
+    """The markers' motion in the ways in which they moved most in this time, strongest first, (t, MOTIONS).
 
     To first order these follow the axes of a load, up and down, which a mean length does not.
     """
-    if len(window.markers) <= MOTIONS:
+    of_s, moved = _moved(window)
+    if len(of_s) <= MOTIONS:
         return None
-    moved = np.array([m.displacement[:, :2].ravel() for m in window.markers])
-    moved = moved - moved[0]
+    moved = (moved - moved[0]).reshape(len(moved), -1)
     u, s, _ = np.linalg.svd(moved / np.sqrt(moved.shape[1]), full_matrices=False)
-    when, of_s = [f.stream_s for f in window.frames], [m.stream_s for m in window.markers]
+    when = [f.stream_s for f in window.frames]
     return np.stack([np.interp(when, of_s, column) for column in (u * s).T[:MOTIONS]], axis=1)
 
 
@@ -156,6 +167,11 @@ def _kept(window: Window, facts: dict[str, Any]) -> Arrays:
         out["marker_displacement"] = np.array([m.displacement for m in markers], np.float32)
         places = [m.place for m in markers if m.place is not None]
         out.update({"marker_place": places[-1]} if places else {})
+    features = _spread([f for f in window.features if f.stream_s in free], FREE_FEATURES_KEPT)
+    features += _spread([f for f in window.features if f.stream_s not in free], FEATURES_KEPT)
+    if features:
+        out["feature_s"] = np.array([f.stream_s for f in features])
+        out["feature"] = np.array([f.value for f in features])
     images = [i for i in window.images if i.stream_s in free][-1:]
     images += _spread([i for i in window.images if i.stream_s in held], IMAGES_KEPT - 1)
     if images:

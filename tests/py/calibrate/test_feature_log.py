@@ -13,6 +13,7 @@ from ruffini.boards import find_board, parse_board
 from ruffini.errors import InputError
 from ruffini.estimators.wrench.log import read_feature_runs, zero_of
 from ruffini.rig.log_file import Log, TouchRecord, write_log
+from ruffini.rig.placed_weight import PlacedWeight
 
 BOARD = find_board("ftouch")
 WARM = parse_board(f'{BOARD.text}\n[temperature]\nplace = "sleeve"\npath = "/none"\n', "warm")
@@ -80,6 +81,46 @@ def test_markers_of_a_log(tmp_path: Path) -> None:
     (run,) = read_feature_runs([path], board)
     assert run.features.shape == (N, 2 * n)
     assert run.features[2, 7] == 0.5 * 65536
+
+
+def of_a_picture(held_s: tuple[float, float], **arrays: npt.NDArray[np.generic]) -> TouchRecord:
+    """A touch on a gel without markers; the first feature counts frames."""
+    features = np.zeros((N, 3 * 12 * 9), np.int32)
+    features[:, 0] = 10 * np.arange(N)
+    record = touch(feature=features, feature_s=np.arange(N) * 0.1, **arrays)
+    return record._replace(facts={"held_host_s": held_s[0], "lifted_host_s": held_s[1]})
+
+
+def test_features_of_a_gel_without_markers_and_the_axes_that_it_measures(tmp_path: Path) -> None:
+    """A load cell of one axis knows no shear (NaN), and of one with six the gel tells the normal force alone."""
+    board, wrench = find_board("digit-tactile"), np.full((N, 6), np.nan)
+    wrench[:, 2] = -np.arange(N)
+    sheared = np.tile(wrench[:, 2:3], (1, 6))
+    path = tmp_path / "log.h5"
+    touches = [of_a_picture((5.25, 5.45), reference_wrench=each) for each in (wrench, sheared)]
+    write_log(path, Log({"board": "digit-tactile"}, touches, {}))
+    for run in read_feature_runs([path], board):
+        assert run.features[:, 0].tolist() == [0, 10, 20, 30, 40, 50]
+        assert run.at(0.0)[:, 2] == pytest.approx(-np.arange(N))
+        assert (run.at(0.0)[:, [0, 1, 3, 4, 5]] == 0).all()
+    write_log(path, Log({"board": "gelsight-wedge"}, touches, {}))
+    with pytest.raises(InputError, match="324 numbers of picture a frame, the board has 240"):
+        read_feature_runs([path], find_board("gelsight-wedge"))
+    write_log(path, Log({"board": "digit-tactile"}, [touch()], {}))
+    with pytest.raises(InputError, match=r"holds no features of its picture: .* collect it again"):
+        read_feature_runs([path], board)
+
+
+def test_a_typed_reading_counts_once_and_only_while_it_is_held(tmp_path: Path) -> None:
+    """The scale's number is right in the frames 3 and 4 and says nothing of the way there."""
+    wrench = np.full((N, 6), np.nan)
+    wrench[:, 2] = [0, 0, 0, -2.0, -2.0, 0]
+    touches = [of_a_picture((5.25, 5.45), reference_wrench=wrench)]
+    found = {"reference": {"name": PlacedWeight(2.0).facts.name}}
+    write_log(tmp_path / "log.h5", Log({"board": "digit-tactile"}, touches, found))
+    (run,) = read_feature_runs([tmp_path / "log.h5"], find_board("digit-tactile"))
+    assert run.features[:, 0].tolist() == [0, 35]
+    assert run.at(0.0)[:, 2].tolist() == [0, -2.0]
 
 
 def test_frames_with_a_csv(tmp_path: Path) -> None:

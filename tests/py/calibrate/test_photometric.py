@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from kept import kept
 
+from ruffini.boards import find_board
+from ruffini.calibrate.fit.job import Job
 from ruffini.errors import InputError
 from ruffini.estimators.photometric.fit import (
     Choice,
@@ -19,6 +21,7 @@ from ruffini.estimators.photometric.fit import (
     tabulate,
 )
 from ruffini.estimators.photometric.presses import load_presses
+from ruffini.estimators.photometric.stage import PHOTOMETRIC
 
 BALL_MM, PX_PER_MM = 5.0, 15.0
 SHAPE = (120, 160)
@@ -137,3 +140,17 @@ def test_a_bad_marked_press_is_skipped_with_its_reason(folder: Path, tmp_path: P
     assert len(collect_samples(presses, None)) == len(load_presses(folder).presses) - 2
     with pytest.raises(InputError, match=r"usable presses: at least 100 are needed; 0\.png: the picture is 50x50"):
         load_presses(copy, at_least=100)
+
+
+def test_pictures_of_presses_that_give_no_colours_leave_depth_open_where_force_needs_none(monkeypatch) -> None:
+    def refused(*_: object) -> None:
+        raise InputError("no circle")
+
+    monkeypatch.setattr("ruffini.estimators.photometric.stage._presses", refused)
+    made = PHOTOMETRIC.fit(Job(find_board("ninedtact"), []), lambda _: None)
+    assert made.state == "open"
+    assert "the log's presses give none: no circle" in made.text
+    with pytest.raises(InputError, match="no circle"):
+        PHOTOMETRIC.fit(Job(find_board("gelslim"), []), lambda _: None)
+    with pytest.raises(InputError, match="no circle"):  # given for that alone
+        PHOTOMETRIC.fit(Job(find_board("ninedtact"), [], balls=Path("balls")), lambda _: None)

@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 FULL = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])  # N, N mm
 TO_N_M = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])
 N_FEATURES, N_TOUCHES, N_FRAMES = 40, 60, 8
+SIZES = list(wrench_kernel.SIZES)
 
 
 @pytest.fixture(autouse=True)
@@ -46,9 +47,9 @@ def pressed(seed: int, bend: float, size: float = 1.0) -> FeatureRun:
                       touch=touch)  # fmt: skip
 
 
-def fitted(runs: list[FeatureRun], holdout: str, *, nonlinear: bool) -> Fit:
+def fitted(runs: list[FeatureRun], holdout: str, *, nonlinear: bool, grid: tuple[int, int, int] | None = None) -> Fit:
     """With what `_small` says, which is of this file: `kept` knows it."""
-    return fit_wrench_map(runs, holdout=holdout, nonlinear=nonlinear)
+    return fit_wrench_map(runs, holdout=holdout, nonlinear=nonlinear, grid=grid)
 
 
 def test_a_kernel_is_used_where_it_pays_and_the_board_says_the_same() -> None:
@@ -151,7 +152,7 @@ def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
     is_heavy = wrench_kernel_choice.heavy(frames, frames.touch)
 
     def left_out(
-        _: Frames, __: object, folds: list[npt.NDArray[np.bool_]], names: list[str]
+        _: Frames, __: object, folds: list[npt.NDArray[np.bool_]], names: list[str], ___: object
     ) -> tuple[list[Array], list[Array]]:
         assert names == ["wide", "narrow"]
         parts = (0.1, 0.3) if len(folds) == 1 and (folds[0] == is_heavy).all() else (0.2, 0.1)
@@ -172,10 +173,10 @@ def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
 
 def test_few_touches_tell_no_relevance_and_get_a_smooth_kernel_without_k() -> None:
     few = wrench_kernel.LEAST_TOUCHES - 1
-    names = wrench_kernel.shape_names(np.arange(few))
+    names = wrench_kernel.shape_names(np.repeat(np.arange(few), 5))
     assert names[0] == "wide"
     assert len(names) > 2
-    assert wrench_kernel.shape_names(np.arange(few + 1)) == ["wide", "narrow"]
+    assert wrench_kernel.shape_names(np.repeat(np.arange(few + 1), 5)) == ["wide", "narrow"]
     frames = frames_of([pressed(1, 0.3)], 0.0)
     found = wrench_kernel.candidates(frames.features, frames.wrench, frames.touch, names[1:])
     assert [shape.name for shape in found] == names[1:]
@@ -220,3 +221,57 @@ def test_a_glitch_of_the_reference_does_not_choose_the_kernel_of_few_touches(mon
     assert (
         wrench_kernel_choice.choose_kernel(frames, frames.touch, [touch == 0], errors, must_extrapolate=False) is None
     )
+
+
+def dents(seed: int, n_touches: int, part: float = 1.0) -> FeatureRun:
+    """Presses of one ball on 9 x 7 cells, each at a place of its own: slopes left and right of it cancel in sum."""
+    rng, (y, x) = np.random.default_rng(seed), np.mgrid[:7, :9]
+    rows, force = [], []
+    for _ in range(n_touches):
+        at_x, at_y = rng.uniform(2, 6), rng.uniform(2, 4)
+        for force_n in np.r_[np.zeros(3), part * rng.uniform(0.5, 1) * np.linspace(0.1, 1, N_FRAMES)]:
+            bell = force_n**0.7 * np.exp(-((x - at_x) ** 2 + (y - at_y) ** 2) / 2)
+            rows.append(np.r_[((x - at_x) * bell).ravel(), ((y - at_y) * bell).ravel()])
+            force.append(force_n)
+    features = 2e4 * np.array(rows) + rng.normal(size=(len(rows), 126)) * 100
+    wrench = np.zeros((len(rows), 6))
+    wrench[:, 2] = -np.array(force)
+    time_s = 0.05 * np.arange(len(rows))
+    touch = np.repeat(np.arange(n_touches), N_FRAMES + 3)
+    return FeatureRun(f"dents/{seed}", time_s, features.round(), np.ones(len(rows), bool), time_s, wrench, touch=touch)
+
+
+@pytest.mark.parametrize("n_touches", [8, 24])  # fewer frames than other kernels ask for, and more
+def test_the_size_of_a_dent_tells_its_force_wherever_it_is(n_touches: int) -> None:
+    fit = kept(fitted, [dents(1, n_touches)], "touch", nonlinear=True, grid=(2, 7, 9))
+    assert fit.kernel in SIZES
+    assert fit.rmse[2] < 0.05 * fit.map.full[2]
+    new = frames_of([dents(2, 30)], 0.0)
+    said = on_board(fit, new)
+    assert np.abs(said.wrench - new.wrench)[:, 2].max() < 0.12
+    assert (np.abs(said.wrench - fit.map.predicted(new)).max(axis=0) < 1e-3).all()
+    assert said.is_in_range.mean() > 0.97
+    harder = on_board(fit, frames_of([dents(3, 10, 2.0)], 0.0))
+    is_harder = new.wrench[:, 2].min() * 1.3 > frames_of([dents(3, 10, 2.0)], 0.0).wrench[:, 2]
+    assert not harder.is_in_range[is_harder].any()
+
+
+def test_a_dozen_readings_of_a_scale_are_enough() -> None:
+    """One row at rest and one of the hold each."""
+    whole = dents(1, 12)
+    rows = np.flatnonzero(np.isin(np.arange(len(whole.time_s)) % (N_FRAMES + 3), (0, N_FRAMES + 2)))
+    time_s = whole.time_s[rows]
+    assert whole.touch is not None
+    run = replace(whole, time_s=time_s, features=whole.features[rows], is_good=whole.is_good[rows], reference_s=time_s,
+                  reference=whole.reference[rows], touch=whole.touch[rows])  # fmt: skip
+    fit = kept(fitted, [run], "touch", nonlinear=True, grid=(2, 7, 9))
+    assert fit.kernel in SIZES
+    assert fit.lag_s == 0
+    new = frames_of([dents(2, 30)], 0.0)
+    assert np.abs(on_board(fit, new).wrench - new.wrench)[:, 2].max() < 0.15
+
+
+def test_more_features_than_its_table_takes_have_no_size() -> None:
+    touch = np.arange(400)
+    assert set(SIZES) < set(wrench_kernel.shape_names(touch, (3, 8, 16)))
+    assert not set(SIZES) & set(wrench_kernel.shape_names(touch, (1, 5, 77)))

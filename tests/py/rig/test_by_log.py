@@ -33,7 +33,7 @@ def stream(*, is_blind: bool = False) -> Window:
     fields = [FieldSample(f.stream_s, np.ones((2, 3, 3))) for f in frames[::3]]
     contacts = [ContactSample(f.stream_s, 1, np.array([0.003, -0.002]), float(f.wrench[2]), np.array([0.1, 1e-3]))
                 for f in frames if pressed(f.stream_s - 40) > 0]  # fmt: skip
-    return Window(frames, fields, markers, [ImageSample(41.0, np.zeros((4, 4, 3), np.uint8), 1)], contacts)
+    return Window(frames, fields, markers, [ImageSample(41.0, np.zeros((4, 4, 3), np.uint8), 1)], contacts, [])
 
 
 def csv_text(*, header: str = "time_s,fz_N", part: slice = slice(None)) -> str:
@@ -122,7 +122,7 @@ def test_a_touch_with_a_fault_is_left_out_and_named(log, tmp_path):
 
 
 def test_a_window_is_read_as_it_was_written(tmp_path):
-    window, back = stream(), Window([], [], [], [], [])
+    window, back = stream(), Window([], [], [], [], [], [])
     (tmp_path / "w.npz").write_bytes(packed(window, "abc"))
     assert read_window(tmp_path / "w.npz", back) == "abc"
     assert [len(part) for part in back] == [len(part) for part in window]

@@ -39,7 +39,7 @@ def touch(number: int, *, is_seen: bool = True) -> TouchRecord:
     readings = [Reading(t + CLOCK_S, pressing(-f)) for t, f in zip(true_s, load_n, strict=True)]
     held = true_s[0] + 0.5 + PEAK_S + CLOCK_S
     facts = {"touched_host_s": held - PEAK_S, "held_host_s": held, "lifted_host_s": held + 0.6, "session": "a"}
-    return record_of(Window(frames, [], [], [], contacts), readings, [(held, Place(*place, -1e-3))], facts)
+    return record_of(Window(frames, [], [], [], contacts, []), readings, [(held, Place(*place, -1e-3))], facts)
 
 
 def test_contacts_of_the_wire_are_in_si_units_and_what_is_not_said_is_not_zero():

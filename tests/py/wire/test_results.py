@@ -7,7 +7,18 @@ import pytest
 from golden import read_vectors
 from google.protobuf import descriptor_pb2
 
-from ruffini.device.results import INVALID, NOT_MEASURED, VALID, Contacts, Depth, Field, Image, Residual, Wrench
+from ruffini.device.results import (
+    INVALID,
+    NOT_MEASURED,
+    VALID,
+    Contacts,
+    Depth,
+    Features,
+    Field,
+    Image,
+    Residual,
+    Wrench,
+)
 from ruffini.errors import InputError
 from ruffini.wire import Decoder
 from ruffini.wire.messages import Schema
@@ -131,6 +142,16 @@ def test_what_the_forces_do_not_explain() -> None:
     message.residual.n_components, message.residual.n_x = 1, 6
     with pytest.raises(InputError, match="1 components"):
         Residual.from_message(message)
+
+
+def test_features_are_the_boards_integers() -> None:
+    schema = Schema.own()
+    message = schema.decode(schema.type_numbers["FEATURES"], golden("features of a wrench"))
+    features = Features.from_message(message)
+    assert (features.capture_s, features.frame, features.value.tolist()) == (1e-3, 7, [-1, 70_000, 0])
+    message.value.n_x, message.value.n_y = 1, 3
+    with pytest.raises(InputError, match="FEATURES that is no row"):
+        Features.from_message(message)
 
 
 @pytest.mark.parametrize("schema", [Schema.own(), old_schema()], ids=["ours", "old"])

@@ -121,6 +121,16 @@ class Photometric(Estimator):
         """
         if job.balls is None and any("photometric" in part.kinds for part in job.parts):
             return _taken(job)
+        try:
+            return self._fitted(job, progress)
+        except InputError as error:
+            if job.balls is not None or "operator" in job.board.pipeline.stages:
+                raise
+            taken = _taken(job)  # depth is not what the log was collected for
+            return taken._replace(text=f"{taken.text}; the log's presses give none: {error}")
+
+    def _fitted(self, job: Job, progress: Progress) -> Outcome:
+        """Of ball presses."""
         with tempfile.TemporaryDirectory(prefix="ruffini-") as folder:
             presses = _presses(job, Path(folder))
             if presses is None:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize
 
 from ruffini.errors import InputError
-from ruffini.estimators.wrench.kernel import TAIL
+from ruffini.estimators.wrench.kernel import TAIL, Grid
 from ruffini.estimators.wrench.kernel_choice import choose_kernel, kernel_fitted
 from ruffini.estimators.wrench.log import FeatureRun
 from ruffini.estimators.wrench.model import (
@@ -51,7 +51,6 @@ Folds = list[npt.NDArray[np.bool_]]
 N_FOLDS = 5
 FEW_RECORDINGS = 10  # no more than these, and each is left out alone: two at once of seven leave too little to fit
 LEFT_OUT = {"recording": "recordings", "touch": "touches", "block": "blocks of time"}
-LEAST_FRAMES = 200  # for a kernel
 LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
 FEW = 30  # features: thousands of frames determine these without a ridge, and their memories besides
 SAME_ROW_S = 0.02  # a log with one row a frame has paired them already: a smaller lag is left as it is
@@ -136,7 +135,7 @@ class Fit:
 
 def fit_wrench_map(
     runs: list[FeatureRun], *, holdout: str = "recording", bend: Bend | None = None, prior: Array | None = None,
-    nonlinear: bool = False,
+    nonlinear: bool = False, grid: Grid | None = None,
 ) -> Fit:  # fmt: skip
     """Fit K and what goes beyond it where that pays on held-out data.
 
@@ -146,6 +145,7 @@ def fit_wrench_map(
     holdout : `recording` leaves whole recordings out, `touch` single touches (as the log numbers them, else from one
         touch-free moment to the next), `block` fifths of the time of each recording.
     nonlinear : of many features, try landmark kernels (`wrench_kernel`) too; kept where they err less.
+    grid : planes, rows and columns of the features of a picture.
 
     Raises
     ------
@@ -163,21 +163,24 @@ def fit_wrench_map(
         lags = [0.0 if is_paired or abs(lag) < SAME_ROW_S else lag for lag in lags]
     if abs(lags[-1] - lags[0]) < SAME_LAG_S:
         lags = lags[:1]
-    nonlinear = nonlinear and seen.features.shape[1] > FEW and len(seen.features) >= LEAST_FRAMES
-    fits = [_fit_at(runs, lag_s, holdout, bend, prior, nonlinear) for lag_s in lags]
+    nonlinear = nonlinear and seen.features.shape[1] > FEW
+    fits = [_fit_at(runs, lag_s, holdout, bend, prior, nonlinear, grid) for lag_s in lags]
     return min(fits, key=lambda fit: float((1 - fit.r2).sum()))
 
 
 def _fit_at(
-    runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | None, prior: Array | None, nonlinear: bool
-) -> Fit:
+    runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | None, prior: Array | None, nonlinear: bool,
+    grid: Grid | None,
+) -> Fit:  # fmt: skip
     frames = frames_of(runs, lag_s)
     folds = folds_of(frames, holdout)
     checks = _checks(frames)
     route = _route(frames, folds, bend, prior)
     chosen, linear, errors = route.terms, route.linear, route.errors
     touch = _touches(frames)
-    kernel = choose_kernel(frames, touch, folds, errors, must_extrapolate=holdout == "block") if nonlinear else None
+    kernel = None
+    if nonlinear:
+        kernel = choose_kernel(frames, touch, folds, errors, must_extrapolate=holdout == "block", grid=grid)
     if kernel is not None:
         chosen, errors = _plain(None), kernel.errors
     spread = frames.wrench.std(axis=0)
@@ -195,7 +198,7 @@ def _fit_at(
     if kernel is None:
         found = _with_forward(fitted(frames, chosen, full), frames, errors, bend, folds)
     else:
-        found = _with_forward(kernel_fitted(frames, touch, full, kernel), frames, errors, None, folds)
+        found = _with_forward(kernel_fitted(frames, touch, full, kernel, grid), frames, errors, None, folds)
     terms = {"temperature": chosen.warm, "quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)
     return Fit(

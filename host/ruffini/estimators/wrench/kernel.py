@@ -6,6 +6,10 @@ fast the wrench changes along them (automatic relevance: largest marginal likeli
 touches), or, of few touches, which tell no relevance, a smooth one without K that allows for more noise. The narrow one
 is the better where all kinds of touches were fitted, the wide one beyond their loads, the smooth one for objects that
 were not fitted: which is used is decided by errors on what was left out (`kernel_choice`). Units here: N and N mm.
+
+A dent changes the picture by as much wherever it is, so that for one kind of object the size of the change alone, |f|,
+tells the normal force from few presses, whatever place they were at. That is a kernel with one landmark, rest, and a
+curve fitted to the log (shapes "size"). The grid is blurred first: how a dent lies on its cells counts less then.
 """
 
 from __future__ import annotations
@@ -17,12 +21,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg
-from scipy.optimize import minimize
+from scipy.ndimage import gaussian_filter
+from scipy.optimize import minimize, nnls
 
 from ruffini.calibrate.container import Tensors
 from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
+Grid = tuple[int, int, int]
 
 STEPS, LAST = 64, 16  # of the curve: entries a length, lengths
 N_LANDMARKS = 1024  # KernelMap::kMaxLandmarks
@@ -33,6 +39,9 @@ WIDE_LENGTH, START_LENGTH = 3.0, 1.4  # of the spread of all features together
 LONGEST, N_LENGTHS, GROWTH = 4.0, 5, 2.5
 HALVED = tuple((LONGEST / 2**i, (LONGEST / 2**i) ** GROWTH) for i in range(N_LENGTHS))
 GAUSSIAN = ((1.0, 1.0),)  # length and part
+SIZES = {f"size {cells:g}": cells for cells in (0.5, 0.8)}  # standard deviation of the blur
+SIZE_LENGTHS, MAX_SIZE = 8.0, 384  # largest |f| of the log in lengths, and KernelMap::kMaxDirections
+LEAST_FRAMES = 200  # for any other
 LEAST_TOUCHES = 50  # for relevance: fewer tell of no direction how fast the wrench changes along it
 NOISE = 2e-3  # of the wide one: variance over that of the kernel
 # Lengths and noises of the smooth one, of which what was left out of the fit chooses.
@@ -63,6 +72,7 @@ class Shape:
     noise: Array
     linear: float
     spread: float  # of the features together, raw units
+    is_of_size: bool = False  # its only landmark is rest
 
     def kernel(self, a: Array, b: Array) -> Array:
         """Of every row of `a` (t, d) with every one of `b`."""
@@ -96,20 +106,29 @@ def distances(a: Array, b: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(square, 0)))
 
 
-def shape_names(touch: npt.NDArray[np.intp]) -> list[str]:
-    """The shapes to try on a log of these touches."""
-    return ["wide", "narrow"] if len(np.unique(touch)) >= LEAST_TOUCHES else ["wide", *SMOOTH]
+def shape_names(touch: npt.NDArray[np.intp], grid: Grid | None = None) -> list[str]:
+    """The shapes to try on a log: of these touches, a number for each frame; of size only on a picture's grid."""
+    size = list(SIZES) if grid is not None and np.prod(grid) <= MAX_SIZE else []
+    if len(touch) < LEAST_FRAMES:
+        return size
+    return ["wide", "narrow", *size] if len(np.unique(touch)) >= LEAST_TOUCHES else ["wide", *SMOOTH, *size]
 
 
 def candidates(
-    features: Array, wrench: Array, touch: npt.NDArray[np.intp], names: Sequence[str] = ("wide", "narrow")
-) -> list[Shape]:
-    """The shapes to choose from, by name."""
+    features: Array, wrench: Array, touch: npt.NDArray[np.intp], names: Sequence[str] = ("wide", "narrow"),
+    grid: Grid | None = None,
+) -> list[Shape]:  # fmt: skip
+    """The shapes to choose from, by name. grid : planes, rows and columns of a picture's features."""
     spread = float(np.sqrt(features.var(axis=0).sum()))
+    found = {}
+    if grid is not None:
+        found = {name: _of_size(features, wrench, spread, SIZES[name], grid) for name in names if name in SIZES}
+    if len(found) == len(names):
+        return [found[name] for name in names]
     _, sizes, directions = np.linalg.svd((features - features.mean(axis=0)) / spread, full_matrices=False)
     gaussian, noise = _curve(GAUSSIAN), np.full(6, NOISE)
     wide = directions[: N_DIRECTIONS["wide"]] / (WIDE_LENGTH * spread)
-    found = {"wide": Shape("wide", wide, gaussian, noise, LINEAR, spread)}
+    found["wide"] = Shape("wide", wide, gaussian, noise, LINEAR, spread)
     smooth = directions[: N_DIRECTIONS["smooth"]] / spread
     for name, (length, part) in SMOOTH.items():
         found[name] = Shape(name, smooth / length, gaussian, np.full(6, part), 0.0, spread)
@@ -121,6 +140,21 @@ def candidates(
         scaled = narrow / (lengths[:, None] * spread)
         found["narrow"] = Shape("narrow", scaled, _curve(HALVED), noise_found, linear, spread)
     return [found[name] for name in names]
+
+
+def _of_size(features: Array, wrench: Array, spread: float, cells: float, grid: Grid) -> Shape:
+    """A curve a |f| + b |f|^2 of the blurred f, a and b not negative: it rises beyond the log, too."""
+    n = features.shape[1]
+    blur = gaussian_filter(np.eye(n).reshape(n, *grid), (0, 0, cells, cells), mode="constant")
+    project = np.asarray(blur.reshape(n, n), np.float64)  # symmetric
+    size, force = np.linalg.norm(features @ project, axis=1), np.linalg.norm(wrench[:, :3], axis=1)
+    length = max(float(size.max()) / SIZE_LENGTHS, 1e-9)
+    r, one = size / length, np.ones(len(size))
+    a, b = nnls(np.stack([r, r**2, one, -one], axis=1), force)[0][:2]
+    distance = np.arange(STEPS * LAST + 1) / STEPS
+    rise = a * distance + b * distance**2
+    curve = np.round((1 - rise / max(rise[-1], 1e-12)) * CURVE) / CURVE
+    return Shape(f"size {cells:g}", project / length, curve, np.full(6, NOISE), 0.0, spread, is_of_size=True)
 
 
 def _curve(parts: tuple[tuple[float, float], ...]) -> Array:
@@ -224,12 +258,13 @@ def solve(features: Array, wrench: Array, shape: Shape) -> tuple[Array, KernelMa
 def _solved(features: Array, wrench: Array, shape: Shape) -> tuple[Array, KernelMap, Array]:
     """As `solve`, and the weight of each frame (t,)."""
     z, x = features @ shape.project.T, features / shape.spread
-    landmark = _landmarks(z, shape)
+    landmark = np.zeros((1, z.shape[1])) if shape.is_of_size else _landmarks(z, shape)
     middle, scale = np.median(wrench, axis=0), np.maximum(wrench.std(axis=0), 1e-12)
     factor = _factor(shape.kernel(landmark, landmark))
     basis = linalg.solve_triangular(factor, shape.kernel(landmark, z), lower=True).T
     columns = np.concatenate([basis, np.sqrt(shape.linear) * (x - x.mean(axis=0)), np.ones((len(x), 1))], axis=1)
-    held = np.r_[np.ones(columns.shape[1] - 1), 0.0]  # by the ridge: all but the constant
+    held = np.r_[np.ones(columns.shape[1] - 1), 0.0]  # by the ridge: all but the constant, and the curve of the size
+    held[0] = not shape.is_of_size
     target, weight, found = (wrench - middle) / scale, np.ones(len(x)), np.zeros((columns.shape[1], 6))
     for _ in range(N_PASSES):
         weighted = columns * weight[:, None]

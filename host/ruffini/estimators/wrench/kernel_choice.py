@@ -16,6 +16,7 @@ Array = npt.NDArray[np.float64]
 Folds = list[npt.NDArray[np.bool_]]
 Numbers = npt.NDArray[np.intp]
 
+ENOUGH = 3e-3  # of the variance that the size leaves unexplained: nothing else is tried, which takes minutes
 HEAVY = 0.5  # of the largest force: touches beyond it stand for those of a recording that presses harder
 
 
@@ -28,17 +29,31 @@ class Kernel(NamedTuple):
 
 
 def choose_kernel(
-    frames: Frames, touch: Numbers, folds: Folds, errors: Array, *, must_extrapolate: bool
+    frames: Frames,
+    touch: Numbers,
+    folds: Folds,
+    errors: Array,
+    *,
+    must_extrapolate: bool,
+    grid: wrench_kernel.Grid | None = None,
 ) -> Kernel | None:
     """The kernel that errs less than `errors` on what was not fitted, if any; each fold learns its own directions.
 
     must_extrapolate : the map is for other recordings, which may press harder, and no fold does: then the kernel is the
         one that errs least on the heaviest touches, by a fit without them.
     """
-    names = wrench_kernel.shape_names(touch)
-    found, nearest = _left_out(frames, touch, folds, names)
-    judged = _left_out(frames, touch, [heavy(frames, touch)], names)[0] if must_extrapolate else found
+    names = wrench_kernel.shape_names(touch, grid)
+    if not names:
+        return None
     spread = frames.wrench.std(axis=0)
+    sizes = [name for name in names if name in wrench_kernel.SIZES]
+    if sizes and not must_extrapolate:
+        found, nearest = _left_out(frames, touch, folds, sizes, grid)
+        best = int(np.argmin([_unexplained(rms(each), spread) for each in found]))
+        if _unexplained(rms(found[best]), spread) < ENOUGH:
+            return Kernel(sizes[best], found[best], nearest[best])
+    found, nearest = _left_out(frames, touch, folds, names, grid)
+    judged = _left_out(frames, touch, [heavy(frames, touch)], names, grid)[0] if must_extrapolate else found
     # Of few touches one glitch of the reference would outweigh all else in squares.
     size = rms if "narrow" in names else mean_abs
     best = int(np.argmin([_unexplained(size(each), spread) for each in judged]))
@@ -59,24 +74,31 @@ def _unexplained(error: Array, spread: Array) -> float:
     return float(((error[is_loaded] / spread[is_loaded]) ** 2).sum())
 
 
-def _left_out(frames: Frames, touch: Numbers, folds: Folds, names: list[str]) -> tuple[list[Array], list[Array]]:
+def _left_out(
+    frames: Frames, touch: Numbers, folds: Folds, names: list[str], grid: wrench_kernel.Grid | None
+) -> tuple[list[Array], list[Array]]:
     """Of each shape the errors (t, 6) and the distances to the nearest landmark (t,); NaN where no fold left it out."""
     found = [np.full_like(frames.wrench, np.nan) for _ in names]
     nearest = [np.full(len(frames.wrench), np.nan) for _ in found]
     for left in folds:
         inside, outside = frames.take(~left), frames.take(left)
-        for i, shape in enumerate(wrench_kernel.candidates(inside.features, inside.wrench, touch[~left], names)):
+        shapes = wrench_kernel.candidates(inside.features, inside.wrench, touch[~left], names, grid)
+        for i, shape in enumerate(shapes):
             gain, kernel = wrench_kernel.solve(inside.features, inside.wrench, shape)
             found[i][left] = outside.features @ gain.T + kernel.added(outside.features) - outside.wrench
             nearest[i][left] = kernel.nearest(outside.features)
     return found, nearest
 
 
-def kernel_fitted(frames: Frames, touch: Numbers, full: Array, chosen: Kernel) -> WrenchMap:
+def kernel_fitted(
+    frames: Frames, touch: Numbers, full: Array, chosen: Kernel, grid: wrench_kernel.Grid | None = None
+) -> WrenchMap:
     """K and kernel of all frames; what is further from a landmark than frames left out were is outside."""
-    (shape,) = wrench_kernel.candidates(frames.features, frames.wrench, touch, [chosen.name])
+    (shape,) = wrench_kernel.candidates(frames.features, frames.wrench, touch, [chosen.name], grid)
     gain, kernel = wrench_kernel.solve(frames.features, frames.wrench, shape)
-    reach = float(np.quantile(chosen.nearest, wrench_kernel.REACH_SHARE))
+    # A size that some touch had is known, whichever touches were left out.
+    share = 1.0 if shape.is_of_size else wrench_kernel.REACH_SHARE
+    reach = float(np.quantile(chosen.nearest, share))
     kernel = replace(kernel, weight=kernel.weight * (full > 0)[:, None], offset=kernel.offset * (full > 0), reach=reach,
                      spread=1 / max(reach, 1e-6))  # fmt: skip
     n = frames.features.shape[1]

@@ -23,13 +23,15 @@ from ruffini.errors import InputError
 from ruffini.estimators.wrench.warmth import Degrees
 from ruffini.files import readable
 from ruffini.frames import read_frames
-from ruffini.rig.found import on_reference_clock, reference_in_pad
-from ruffini.rig.log_file import TouchRecord, read_log
+from ruffini.rig.found import is_held, on_reference_clock, reference_in_pad
+from ruffini.rig.log_file import Log, TouchRecord, read_log
+from ruffini.rig.placed_weight import NAME as PLACED
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 LEAST_REST, ZERO_SIGMAS = 8, 12.0  # frames, and standard errors by which a zero must be off to be one
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
+WRENCH_NAMES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")  # of [board] not_measured
 STEPS = {"targets": (65536.0, 65536.0, 256.0), "markers": (65536.0, 65536.0)}  # the core's: px Q16, px^2 Q8
 
 
@@ -68,6 +70,7 @@ class Features(NamedTuple):
 
     sort: str
     n: int
+    grid: tuple[int, int, int] | None = None  # of a picture: planes, rows, columns
 
 
 def features_of(board: Board) -> Features:
@@ -83,28 +86,16 @@ def features_of(board: Board) -> Features:
     if board.markers is not None and "markers" in board.pipeline.stages:
         return Features("markers", 2 * board.markers.n_x * board.markers.n_y)
     if board.picture_features is not None and "picture_features" in board.pipeline.stages:
-        return Features("picture", 3 * board.picture_features.n_x * board.picture_features.n_y)
+        grid = (3, board.picture_features.n_y, board.picture_features.n_x)
+        return Features("picture", int(np.prod(grid)), grid)
     raise InputError(
         f"board {board.name!r} has no stage targets, markers or picture_features: nothing to make a wrench of"
     )
 
 
-def check_kept(board: Board) -> Features:
-    """The features of a board, which a log of `cal collect` keeps.
-
-    Raises
-    ------
-    InputError
-        It does not keep them, or the board has none.
-    """
-    features = features_of(board)
-    if features.sort not in STEPS:
-        raise InputError(
-            f"board {board.name!r}: a log of `cal collect` keeps none of its {features.sort} features: record videos "
-            "beside a load cell and fit them with `ruffini cal fit --only wrench --videos FILE`, or frames with "
-            "wrench.csv"
-        )
-    return features
+def measured_axes(board: Board) -> Array:
+    """1 for each axis that the board measures, else 0, (6,): a gel without markers tells no shear."""
+    return np.array([float(name not in board.board.not_measured) for name in WRENCH_NAMES])
 
 
 def read_feature_runs(paths: list[Path], board: Board, *, progress: Progress = lambda _: None) -> list[FeatureRun]:
@@ -180,28 +171,57 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
     log = read_log(path)
     if log.facts.get("board") != board.name:
         raise InputError(f"{path} was collected on board {log.facts.get('board')!r}, not {board.name!r}")
-    wanted = check_kept(board)
+    wanted = features_of(board)
     out, rest_celsius = [], dict[str, float]()
     for number, touch in enumerate(log.touches):
-        moved = touch.arrays.get("marker_displacement")
-        columns = STEPS[wanted.sort]
-        if moved is None or log.facts.get("marker_unit", "px") != "px" or moved.shape[2] != len(columns):
+        found = _rows_of(log, touch, wanted.sort)
+        if found is None:
             continue
-        rows = (moved.astype(np.float64) * columns).reshape(len(moved), -1)
+        time_s, rows = found
         if rows.shape[1] != wanted.n:
-            raise InputError(f"{path}, touch {number}: {moved.shape[1]} {wanted.sort}, the board has "
-                             f"{wanted.n // len(columns)}")  # fmt: skip
+            raise InputError(f"{path}, touch {number}: {rows.shape[1]} numbers of {wanted.sort} a frame, the board has "
+                             f"{wanted.n}")  # fmt: skip
         celsius = _celsius_of_touch(touch, board)
         at_rest = rest_celsius.setdefault(str(touch.facts.get("session")), celsius)
-        offset = float(np.median(on_reference_clock(log, touch) - touch.arrays["stream_s"]))
-        out.append(FeatureRun(f"{path.name}/{number}", touch.arrays["marker_s"] + offset, rows,
-                              np.asarray(np.isfinite(rows).all(axis=1)), touch.arrays["reference_s"],
-                              reference_in_pad(log, touch),
-                              Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest)),
+        time_s = time_s + float(np.median(on_reference_clock(log, touch) - touch.arrays["stream_s"]))
+        reference_s = touch.arrays["reference_s"]
+        reference = np.nan_to_num(reference_in_pad(log, touch)) * measured_axes(board)
+        if log.found.get("reference", {}).get("name") == PLACED:
+            time_s, rows, reference = _placed(touch, time_s, rows, reference)
+            reference_s = time_s
+        out.append(FeatureRun(f"{path.name}/{number}", time_s, rows, np.asarray(np.isfinite(rows).all(axis=1)),
+                              reference_s, reference, Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest)),
                               np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}"))  # fmt: skip
     if not out:
-        raise InputError(f"{path} holds no {wanted.sort} in pixels: give recordings of frames instead")
+        kept = "features of its picture" if wanted.sort == "picture" else f"{wanted.sort} in pixels"
+        raise InputError(f"{path} holds no {kept}: give recordings of frames instead, or collect it again")
     return out
+
+
+def _rows_of(log: Log, touch: TouchRecord, sort: str) -> tuple[Array, Array] | None:
+    """The sensor's times (t,) and the features (t, n) in the board's integers; None where a touch has none."""
+    if sort == "picture":
+        rows = touch.arrays.get("feature")
+        return None if rows is None else (touch.arrays["feature_s"], rows.astype(np.float64))
+    moved, columns = touch.arrays.get("marker_displacement"), STEPS[sort]
+    if moved is None or log.facts.get("marker_unit", "px") != "px" or moved.shape[2] != len(columns):
+        return None
+    return touch.arrays["marker_s"], (moved.astype(np.float64) * columns).reshape(len(moved), -1)
+
+
+def _placed(touch: TouchRecord, time_s: Array, rows: Array, reference: Array) -> tuple[Array, Array, Array]:
+    """Times, features and wrench of a weight that a person placed or read off a scale: at rest, and over the hold.
+
+    That number is right while it is held and says nothing of the way there, so that all of a hold are one row.
+    """
+    held = is_held(time_s, touch.facts)
+    load = np.median(reference[is_held(touch.arrays["reference_s"], touch.facts)], axis=0)
+    if not held.any():
+        return time_s[:1], rows[:1], np.zeros((1, 6))
+    return (
+        np.array([time_s[0], time_s[held].mean()]), np.stack([rows[0], rows[held].mean(axis=0)]),
+        np.stack([np.zeros(6), load]),
+    )  # fmt: skip
 
 
 def _celsius_of_touch(touch: TouchRecord, board: Board) -> float:

@@ -16,15 +16,18 @@ from ruffini.calibrate.report.fewer_presses import Figures, Numbers, accuracy_of
 from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.contact_model.stage import CONTACT
 from ruffini.estimators.material.prior import Prior
+from ruffini.estimators.task import Task
 from ruffini.estimators.wrench.fit import FEW, N_FOLDS, Fit, fit_wrench_map
-from ruffini.estimators.wrench.log import FeatureRun, check_kept, features_of, read_feature_runs
+from ruffini.estimators.wrench.log import FeatureRun, features_of, read_feature_runs
 from ruffini.estimators.wrench.marker_prior import marker_prior
 from ruffini.estimators.wrench.model import AXES, frames_of, recordings_of
 from ruffini.estimators.wrench.report import wrench_report_of, write_wrench_page
 from ruffini.estimators.wrench.tables import tables
 from ruffini.estimators.wrench.target_geometry import second_order_of
-from ruffini.estimators.wrench.task import TASK
+from ruffini.estimators.wrench.task import PRESSES, TASK
 from ruffini.estimators.wrench.terms import Bend
+
+TIMES_RMS = 3.0  # exceeded by three in a thousand of normally distributed errors
 
 
 class Mechanics(TypedDict):
@@ -65,8 +68,8 @@ class WrenchEstimator(Estimator):
     def applies(self, board: Board) -> bool:
         return self.is_used(board) and not CONTACT.applies(board)  # a contact model's is fitted together with it
 
-    def check_log(self, board: Board) -> None:
-        check_kept(board)
+    def task_of(self, board: Board) -> Task:
+        return PRESSES if features_of(board).sort == "picture" else TASK
 
     def fit(self, job: Job, progress: Progress) -> Outcome:
         """Fit to features and reference of every log; errors on recordings, or touches, that were left out."""
@@ -75,7 +78,8 @@ class WrenchEstimator(Estimator):
         mechanics: Mechanics = {"bend": second_order_of(job.board), "prior": marker_prior(job.board)}
         features = features_of(job.board)
         # The change of a picture is not in proportion to the normal force: slopes on either side of a dent cancel.
-        fit = fit_wrench_map(runs, holdout=holdout, nonlinear=features.sort == "picture", **mechanics)
+        fit = fit_wrench_map(runs, holdout=holdout, nonlinear=features.grid is not None, grid=features.grid,
+                             **mechanics)  # fmt: skip
         tensors, metadata = tables(fit, features)
         job.tensors |= tensors
         job.metadata |= metadata
@@ -96,6 +100,11 @@ class WrenchEstimator(Estimator):
             part(f"wrench {name}", axis["rmse"] / abs(axis["full_scale"]), MAX_WRENCH_ERROR, what)
             for name, axis in axes
         ]
+
+    def allowed_n(self, report: dict[str, Any], force_n: float) -> float | None:
+        """Three times the RMS error of the normal force on what was left out."""
+        axis = report.get("axes", {}).get("Fz", {})
+        return TIMES_RMS * float(axis["rmse"]) if axis.get("full_scale") else None
 
     def report(
         self, board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None,

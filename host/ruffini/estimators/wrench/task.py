@@ -1,8 +1,11 @@
-"""A wrench of features: the F-TOUCH paper's loads through a connector; judged by all six axes."""
+"""A wrench of features: the F-TOUCH paper's loads through a connector; judged by all axes that the board measures.
+
+A gel without markers measures the normal force alone: straight presses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +14,7 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate.fit.job import Outcome
 from ruffini.estimators.task import NO_SHORE, Counts, Task, Word, joined
+from ruffini.estimators.wrench.log import measured_axes
 from ruffini.rig.found import is_held
 from ruffini.rig.log_file import Log, TouchRecord
 from ruffini.rig.program import CONDITIONS, ByHand, Condition, Item, Span, plan, span_of
@@ -21,10 +25,15 @@ AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 FORCE_N, TORQUE_NM, NORMAL_N = 1.0, 0.02, 8.0  # as far as the F-TOUCH paper's sensor goes, Table III
 
 
-def _loaded_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
+def _loaded_word(board: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
     """Every frame while it is loaded: a hand never holds still."""
     held = is_held(touch.arrays["stream_host_s"], touch.facts)
-    return Word(touch.arrays["stream_wrench"][held], true[held], np.full((held.sum(), 2), np.nan), NO_SHORE)
+    return Word(
+        touch.arrays["stream_wrench"][held],
+        true[held] * measured_axes(board),
+        np.full((held.sum(), 2), np.nan),
+        NO_SHORE,
+    )
 
 
 def _wrench_figures(words: list[Word]) -> dict[str, Any]:
@@ -41,7 +50,7 @@ def _wrench_figures(words: list[Word]) -> dict[str, Any]:
 
 
 def _wrench_left_out(outcomes: dict[str, Outcome]) -> float:
-    axes = outcomes["wrench"].report["axes"].values()
+    axes = [axis for axis in outcomes["wrench"].report["axes"].values() if axis["full_scale"] or axis["rmse"]]
     part = [axis["rmse"] / axis["full_scale"] if axis["full_scale"] else 1.0 for axis in axes]
     return 100 * float(np.sqrt(np.mean(np.square(part))))
 
@@ -66,4 +75,14 @@ TASK = Task(
     "wrench", "conditions", Counts(0, 54, 20, 0), Counts(0, 18, 8, 0), 0.8, 0.0, 6.0,
     "% of what each axis was loaded with, RMS", span_of, _loads, judged_loads, _loaded_word, _wrench_figures,
     _wrench_left_out,
+)  # fmt: skip
+
+
+def _straight(span: Span, n: int, seed: int) -> Sequence[Item]:
+    return plan("balls", span, n, seed)
+
+
+PRESSES = replace(
+    TASK, program="balls", whole=Counts(0, 60, 20, 0), quick=Counts(0, 16, 6, 0),
+    unit="% of the largest normal force, RMS", fitted=_straight, judged=_straight,
 )  # fmt: skip
