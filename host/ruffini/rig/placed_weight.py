@@ -46,7 +46,7 @@ class PlacedWeight:
             )
         self._gravity, self._grams = gravity_m_s2, 0.0
         to_n = 1e-3 * gravity_m_s2
-        self.facts = Facts.of_one_axis(NAME, MAX_GRAMS * to_n, sigma_grams * to_n, RATE_HZ, "g")
+        self.facts = Facts.of_one_axis(NAME, MAX_GRAMS * to_n, sigma_grams * to_n, RATE_HZ, "g", is_typed=True)
 
     def place(self, grams: float) -> None:
         """From now on this weight is on the pad."""

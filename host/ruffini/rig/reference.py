@@ -31,6 +31,7 @@ class Facts:
     sigma: Array
     rate_hz: float
     unit: str = "N"  # what it counts in
+    is_typed: bool = False  # by a person: it stands until another one is typed, and never falls silent
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -38,9 +39,11 @@ class Facts:
         return tuple(a for a, s in zip(AXES, self.sigma, strict=True) if not np.isnan(s))
 
     @classmethod
-    def of_one_axis(cls, name: str, full_scale_n: float, sigma_n: float, rate_hz: float, unit: str) -> Facts:
+    def of_one_axis(
+        cls, name: str, full_scale_n: float, sigma_n: float, rate_hz: float, unit: str, *, is_typed: bool = False
+    ) -> Facts:
         """Of a cell that measures how hard the pad is pressed."""
-        return cls(name, pressing(full_scale_n), pressing(sigma_n), rate_hz, unit)
+        return cls(name, pressing(full_scale_n), pressing(sigma_n), rate_hz, unit, is_typed)
 
 
 class Reference(Protocol):

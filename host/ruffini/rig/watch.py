@@ -82,7 +82,7 @@ class Watch:
         if newest is None:
             raise NoDeviceError(f"{self.facts.name} sends nothing: is it plugged in?")
         age_s = host_clock.now() - newest.host_s
-        if age_s > self.silence_s:
+        if age_s > self.silence_s and not self.facts.is_typed:
             raise NoDeviceError(f"{self.facts.name} fell silent {age_s:.1f} s ago: is it plugged in?")
         if newest.is_saturated:
             raise RefusedError(
@@ -93,7 +93,7 @@ class Watch:
     def fresh(self, n: int = FRESH_READINGS) -> Reading:
         """The n-th reading from now on: it was measured after this call as a whole; raises as `latest`."""
         wanted = len(self._readings) + n
-        deadline = host_clock.now() + n * self.silence_s
+        deadline = np.inf if self.facts.is_typed else host_clock.now() + n * self.silence_s
         while len(self._readings) < wanted and host_clock.now() < deadline:
             self.latest()
             self._changed.wait_for(lambda: len(self._readings) >= wanted, 0.01)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import numpy as np
 import pytest
 from hang import HANG_S, until
 
+from ruffini import host_clock
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig import watch as watch_module
 from ruffini.rig.checks import check_axes, check_unit
+from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.reference import Facts, Reading, pressing
 from ruffini.rig.watch import Watch
 
@@ -74,6 +77,32 @@ def test_a_saturated_reference_is_not_believed(patient):
         cell.is_saturated = True
         with pytest.raises(RefusedError, match=r"saturated \(range fz 10\)"):
             until(lambda: not watch.latest(), "the refusal")
+
+
+class Busy(PlacedWeight):
+    """Its thread gets a core only for its first reading, and when the test lets it go on."""
+
+    def __init__(self) -> None:
+        super().__init__(2.0)
+        self.go_on, self.n_read = threading.Event(), 0
+
+    def read(self, timeout_s: float) -> list[Reading]:
+        if self.n_read:
+            self.go_on.wait(HANG_S)
+        self.n_read += 1
+        return super().read(timeout_s)
+
+
+def test_a_typed_weight_stands_however_busy_the_computer_is(monkeypatch):
+    now_s, weight = [100.0], Busy()
+    monkeypatch.setattr(host_clock, "now", lambda: now_s[0])
+    with Watch(weight) as watch:
+        assert watch.latest().wrench[2] == 0
+        now_s[0] += 100
+        assert watch.latest().wrench[2] == 0
+        weight.place(100)
+        threading.Timer(0.05, weight.go_on.set).start()
+        assert watch.fresh().wrench[2] == pytest.approx(-0.981, abs=0.001)
 
 
 def test_a_silent_reference_is_not_believed():
