@@ -256,6 +256,20 @@ def test_the_size_of_a_dent_tells_its_force_wherever_it_is(n_touches: int) -> No
     assert not harder.is_in_range[is_harder].any()
 
 
+def test_one_log_does_not_claim_to_know_other_kinds_of_contact() -> None:
+    one = kept(fitted, [dents(1, 8)], "touch", nonlinear=True, grid=(2, 7, 9))
+    five = kept(fitted, [dents(k, 8) for k in range(1, 6)], "recording", nonlinear=True, grid=(2, 7, 9))
+    assert [line for line in one.checks if "fewer than 5 logs" in line]
+    assert not [line for line in five.checks if "fewer than 5 logs" in line]
+    new = frames_of([dents(9, 10)], 0.0)
+    is_pressed = new.wrench[:, 2] < -0.3 * one.map.full[2]
+    part = [
+        (np.sqrt(on_board(fit, new).covariance[:, 2, 2]) / -new.wrench[:, 2])[is_pressed].mean() for fit in (one, five)
+    ]
+    assert 0.45 < part[0] < 0.6
+    assert part[1] < 0.1
+
+
 def test_a_dozen_readings_of_a_scale_are_enough() -> None:
     """One row at rest and one of the hold each."""
     whole = dents(1, 12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 
@@ -96,7 +97,8 @@ class Busy(PlacedWeight):
 def test_a_typed_weight_stands_however_busy_the_computer_is(monkeypatch):
     now_s, weight = [100.0], Busy()
     monkeypatch.setattr(host_clock, "now", lambda: now_s[0])
-    with Watch(weight) as watch:
+    with Watch(weight) as watch, contextlib.ExitStack() as at_end:
+        at_end.callback(weight.go_on.set)
         assert watch.latest().wrench[2] == 0
         now_s[0] += 100
         assert watch.latest().wrench[2] == 0

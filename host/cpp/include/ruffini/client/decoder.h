@@ -32,6 +32,7 @@ enum class Type : uint8_t {
   kTime = 14,
   kSignedCommand = 15,
   kResidual = 16,
+  kFeatures = 17,
 };
 
 // std::monostate: a type that this library does not decode, or a payload that does not match ruffini.proto.
