@@ -263,9 +263,7 @@ def test_one_log_does_not_claim_to_know_other_kinds_of_contact() -> None:
     assert not [line for line in five.checks if "fewer than 5 logs" in line]
     new = frames_of([dents(9, 10)], 0.0)
     is_pressed = new.wrench[:, 2] < -0.3 * one.map.full[2]
-    part = [
-        (np.sqrt(on_board(fit, new).covariance[:, 2, 2]) / -new.wrench[:, 2])[is_pressed].mean() for fit in (one, five)
-    ]
+    part = [(on_board(fit, new).sigma[:, 2] / -new.wrench[:, 2])[is_pressed].mean() for fit in (one, five)]
     assert 0.45 < part[0] < 0.6
     assert part[1] < 0.1
 

@@ -71,7 +71,9 @@ LOADED_PART = 0.1  # likewise: something does
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
 ONE_SIGMA = 0.6827
 LEAST_KINDS = 5  # logs, a kind of contact each: their errors left out tell what another kind differs by
-OTHER_KIND = 0.5  # of a force: one sigma where they do not. Twin of digit-tactile, after balls: a square face 0.46 to 0.54
+OTHER_KIND = (
+    0.5  # of a force, one sigma, where they do not: digit-tactile's twin, a square face after balls, 0.46 to 0.54
+)
 TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
 
 
@@ -204,8 +206,8 @@ def _fit_at(
     if grid is not None and len(np.unique(frames.recording)) < LEAST_KINDS:
         found = replace(found, error=_for_other_kinds(found.error, full))
         checks.append(
-            f"fewer than {LEAST_KINDS} logs: the stated uncertainty is at least {100 * OTHER_KIND:.0f} % of a force, as "
-            "another kind of contact may differ; give a log for each tip that will touch"
+            f"fewer than {LEAST_KINDS} logs: the stated uncertainty is at least {100 * OTHER_KIND:.0f} % of a force, "
+            "as another kind of contact may differ; give a log for each tip that will touch"
         )
     terms = {"temperature": chosen.warm, "quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)
