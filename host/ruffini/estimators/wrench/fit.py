@@ -72,7 +72,7 @@ LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
 ONE_SIGMA = 0.6827
 LEAST_KINDS = 5  # logs, a kind of contact each: their errors left out tell what another kind differs by
 OTHER_KIND = (
-    0.5  # of a force, one sigma, where they do not: digit-tactile's twin, a square face after balls, 0.46 to 0.54
+    0.5  # of a force, one sigma, where they do not: on a twin, a square face after balls, 0.46 to 0.54
 )
 TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
 
