@@ -82,9 +82,11 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
     const auto rim = c.tensor("fingertip.rim", Tensor::Type::kI32, {2});
     if (!rim) return rim.error();
     const auto at_max = rim.value()->as<int32_t>();
-    if (std::min(at_max[0], at_max[1]) < 0) {
+    constexpr int32_t kMostRim = 6 << 16;  // px Q16
+    const auto [least, largest] = std::minmax(at_max[0], at_max[1]);
+    if (least < 0 || largest > kMostRim) {
       return Error{ErrorKind::kBadInput,
-                   "calibration file: fingertip.rim is negative: make it again with cal fit --only fingertip"};
+                   "calibration file: fingertip.rim is out of range: make it again with cal fit --only fingertip"};
     }
     out.rim_.fill(RimMotion({.shift_q16 = at_max[0], .zoom_q16 = at_max[1]}));
   }

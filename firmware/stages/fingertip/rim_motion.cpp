@@ -8,10 +8,10 @@
 namespace ruffini {
 namespace {
 
-constexpr size_t kPart = 5;              // of the pins
-constexpr int64_t kShift = 7'864;        // 0.12 px
-constexpr int64_t kZoom = 3'932;         // 0.06 px
-constexpr int kPlaceShift = 8;           // of squares: Q8 px
+constexpr size_t kPart = 5;        // of the pins
+constexpr int64_t kShift = 7'864;  // 0.12 px
+constexpr int64_t kZoom = 3'932;   // 0.06 px
+constexpr int kPlaceShift = 8;     // of squares: Q8 px
 
 enum Sector : size_t { kRight, kLeft, kBelow, kAbove };
 

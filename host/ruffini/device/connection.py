@@ -23,7 +23,7 @@ from ruffini.wire import Decoder, Frame, Schema, encode_message
 from ruffini.wire.damage import DamageWatch
 
 HELLO_TIMEOUT_S = 2.0
-BUSY_HELLO_S = 20.0  # a busy device may answer late; it is asked so long while it sends messages
+BUSY_HELLO_S = 20.0  # a busy device answers late: it is asked for so long while it sends messages
 REPLY_TIMEOUT_S, TRIES = 0.5, 12
 RETRIES = 3
 REOPEN_PAUSE_S = 0.02
@@ -78,7 +78,7 @@ class Connection:
         self._sequence = 0
         self._request_id = int.from_bytes(os.urandom(3), "little") + 1
         try:
-            self.hello = self._say_hello(hello_timeout_s)
+            self.hello = self._say_hello(hello_timeout_s, patience_s=BUSY_HELLO_S)
             if self.hello.schema_sha256 != self.schema.sha256:
                 self.schema = self._fetch_schema()
         except BaseException:
@@ -290,14 +290,16 @@ class Connection:
         self._write(encode_message(number, payload, sensor=DEVICE, sequence=self._sequence))
         self._sequence += 1
 
-    def _say_hello(self, timeout_s: float, tries: int = RETRIES) -> Any:
+    def _say_hello(self, timeout_s: float, tries: int = RETRIES, *, patience_s: float = 0.0) -> Any:
+        """Ask `tries` times in `timeout_s`, and go on until `patience_s` as long as messages come between two tries."""
         self._write(b"\0")  # terminates a partial frame in the device's buffer
         # A slow device may still answer an earlier HELLO: discard those answers.
         number = self.schema.type_numbers["HELLO"]
         while self.messages.take(lambda frame, _: frame.type == number) is not None:
             pass
-        start_s, n_before, n_asked = time.monotonic(), self.messages.n_added, 0
-        while n_asked < tries or (self.messages.n_added > n_before and time.monotonic() - start_s < BUSY_HELLO_S):
+        start_s, n_asked, is_talking = time.monotonic(), 0, False
+        while n_asked < tries or (is_talking and time.monotonic() - start_s < patience_s):
+            n_before = self.messages.n_added
             self._send("HELLO")
             n_asked += 1
             hello = self._wait_for("HELLO", timeout_s / tries, lambda m: True)
@@ -305,6 +307,7 @@ class Connection:
                 if not hello.sensors:
                     raise NoDeviceError(f"{self.port}: the device names no sensor: update its firmware")
                 return hello
+            is_talking = self.messages.n_added > n_before
         raise NoDeviceError(f"{self.port}: nothing answers HELLO: is ruffinid running, and is it this port?")
 
     def _fetch_schema(self) -> Schema:

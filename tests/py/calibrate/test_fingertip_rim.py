@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ruffini.estimators.fingertip.rim import LEAST_PX, MARGIN, rim_at_most, rim_motion
+from ruffini.estimators.fingertip.rim import LEAST_PX, MARGIN, MOST_PX, rim_at_most, rim_motion
 
 sys.path.append(str(Path(__file__).parents[2] / "bitexact"))
 from mirror.rim_motion import has_moved, motion, rim
@@ -34,13 +34,23 @@ def test_it_is_what_the_firmware_measures() -> None:
         np.testing.assert_allclose(rim_motion(rest, moved), wanted, atol=1e-4)
 
 
-def test_no_press_of_the_fit_looks_like_a_camera_that_moved() -> None:
+def test_presses_like_those_of_the_fit_are_no_camera_that_moved() -> None:
     rng = np.random.default_rng(2)
-    load = rng.uniform(0.04, 1, 200)
-    motion_px = load[:, None] * rng.uniform(0, 3, (200, 2))
+    load = rng.uniform(0.04, 1, 400)
+    motion_px = load[:, None] * rng.uniform(0, 3, (400, 2))
     at_most = rim_at_most(motion_px, load)
     most = tuple(np.round(65536 * at_most).astype(int).tolist())
     for (shift, zoom), part in zip(np.round(65536 * motion_px).astype(int).tolist(), load.tolist(), strict=True):
         assert not has_moved((shift, 0, zoom, 0), round(1e6 * part), 1_000_000, most)
     assert (at_most < 3 * MARGIN).all()
     np.testing.assert_array_equal(rim_at_most(0.1 * motion_px, load), LEAST_PX)
+
+
+def test_a_camera_that_moved_in_one_press_teaches_nothing() -> None:
+    rng = np.random.default_rng(3)
+    load = np.tile(np.linspace(0.04, 1, 10), 60)
+    motion_px = load[:, None] * rng.uniform(0, 0.3, (600, 2))
+    motion_px[:10] += 2.0  # one press of sixty
+    np.testing.assert_array_equal(rim_at_most(motion_px, load), LEAST_PX)
+    motion_px[:] = 50.0
+    assert (rim_at_most(motion_px, load) == MOST_PX).all()

@@ -258,14 +258,16 @@ def test_the_size_of_a_dent_tells_its_force_wherever_it_is(n_touches: int) -> No
 
 def test_one_log_does_not_claim_to_know_other_kinds_of_contact() -> None:
     one = kept(fitted, [dents(1, 8)], "touch", nonlinear=True, grid=(2, 7, 9))
-    five = kept(fitted, [dents(k, 8) for k in range(1, 6)], "recording", nonlinear=True, grid=(2, 7, 9))
-    assert [line for line in one.checks if "fewer than 5 logs" in line]
-    assert not [line for line in five.checks if "fewer than 5 logs" in line]
+    logs = [replace(dents(k, 8), kind=f"ball {k}") for k in range(1, 6)]
+    five = kept(fitted, logs, "recording", nonlinear=True, grid=(2, 7, 9))
+    same = kept(fitted, [replace(log, kind="ball 1") for log in logs], "recording", nonlinear=True, grid=(2, 7, 9))
+    assert [line for line in one.checks if "1 of 5 kinds of contact" in line]
+    assert not [line for line in five.checks if "kinds of contact" in line]
     new = frames_of([dents(9, 10)], 0.0)
     is_pressed = new.wrench[:, 2] < -0.3 * one.map.full[2]
-    part = [(on_board(fit, new).sigma[:, 2] / -new.wrench[:, 2])[is_pressed].mean() for fit in (one, five)]
-    assert 0.45 < part[0] < 0.6
-    assert part[1] < 0.1
+    part = [(on_board(fit, new).sigma[:, 2] / -new.wrench[:, 2])[is_pressed].mean() for fit in (one, same, five)]
+    assert all(0.45 < of_one_kind < 0.6 for of_one_kind in part[:2])
+    assert part[2] < 0.1
 
 
 def test_a_dozen_readings_of_a_scale_are_enough() -> None:

@@ -254,8 +254,9 @@ def read_video_log(
         wrench = np.zeros((len(used), 6))
         wrench[:, 2] = zero - readings.force[used]
         rows = np.array([features[k] for k in used])
+        object_name = recording_of(video, columns)
         runs.append(FeatureRun(video.stem, time_s, rows, np.ones(len(used), bool), time_s, wrench,
-                               recording=recording_of(video, columns)))  # fmt: skip
+                               recording=object_name, kind=object_name))  # fmt: skip
         progress((i + 1) / len(videos))
     return VideoLog(runs, remarks)
 

@@ -22,6 +22,7 @@ from ruffini.estimators.fingertip.face import FaceTable, bears_all_round, fit_fa
 from ruffini.estimators.fingertip.field import field_of, pressed
 from ruffini.estimators.fingertip.network import TipNetwork, train
 from ruffini.estimators.fingertip.presses import AREA, FORCE, PITCH, ROLL, WAY, Press, X, Y, axes, read_presses
+from ruffini.estimators.fingertip.rim import rim_at_most, rim_motion
 from ruffini.estimators.fingertip.turns import Samples, turned
 
 Array = npt.NDArray[np.float64]
@@ -247,8 +248,21 @@ def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: 
         "n_pins": len(pins.place),
         "mean_error_of_presses_left_out": {name: mode.left_out for name, mode in zip(MODES, modes, strict=True)},
         "face": None if modes[0].face is None else modes[0].face.report,
+        "rim_px": [round(float(px), 3) for px in _rim_of(bench)],
     }
     return TipFit(bench, modes, report)
+
+
+def _rim_of(bench: Bench) -> Array:
+    """Shift and zoom of the outermost pins that the largest force of the fit is allowed, px, (2,)."""
+    motion, load = [], []
+    for press in bench.presses:
+        rest, shifts = taken(press, bench.pins.rest)
+        is_used = bench.scale.used(press.told)
+        for eye in range(2):
+            motion.append(rim_motion(rest[eye], shifts[is_used, eye]))
+            load.append(press.told[is_used, FORCE] / (MOST * bench.scale.full_n))
+    return rim_at_most(np.concatenate(motion), np.concatenate(load))
 
 
 def _fit_mode(bench: Bench, mode: int) -> ModeFit:

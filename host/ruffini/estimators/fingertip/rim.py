@@ -13,7 +13,10 @@ Array = npt.NDArray[np.float64]
 PART = 5  # of a view's pins are its rim
 AT_REST_PX = np.array([0.12, 0.06])  # shift and zoom that are allowed without a load
 LEAST_PX = np.array([1.2, 0.6])  # at the largest force; the default of the firmware
-MARGIN = 1.25  # over the presses of the fit
+LEAST_LOAD = 0.2  # of the largest force: at less a small motion of the camera would count as a large one under load
+PART_OF_FRAMES = 0.98  # whose motion is allowed: a camera that moved in one press teaches nothing
+MARGIN = 1.5  # over them
+MOST_PX = 6.0  # whatever the presses do
 
 
 def rim_motion(rest: Array, moved: Array) -> Array:
@@ -46,5 +49,8 @@ def rim_at_most(motion: Array, load: Array) -> Array:
 
     motion : (t, 2) of `rim_motion`. load : (t,) force over the largest, above 0.
     """
-    slope = (motion - AT_REST_PX) / load[:, None]
-    return np.asarray(np.maximum(LEAST_PX, MARGIN * slope.max(axis=0)))
+    is_heavy = load >= LEAST_LOAD
+    if not is_heavy.any():
+        return LEAST_PX
+    slope = (motion[is_heavy] - AT_REST_PX) / load[is_heavy, None]
+    return np.asarray(np.clip(MARGIN * np.quantile(slope, PART_OF_FRAMES, axis=0), LEAST_PX, MOST_PX))

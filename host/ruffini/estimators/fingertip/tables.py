@@ -11,9 +11,7 @@ from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.estimators.fingertip.face import FaceTable, cells, rays
 from ruffini.estimators.fingertip.field import kernel, places
-from ruffini.estimators.fingertip.fit import GATE_PX, MOST, TO_BOARD, Bench, TipFit, taken, tip_radius_mm
-from ruffini.estimators.fingertip.presses import FORCE, Press
-from ruffini.estimators.fingertip.rim import rim_at_most, rim_motion
+from ruffini.estimators.fingertip.fit import GATE_PX, MOST, TO_BOARD, TipFit, tip_radius_mm
 
 Q14, Q16 = 2**14, 2**16
 PER_MM = 16_000  # steps of 1/16 um
@@ -43,21 +41,11 @@ def tables(fit: TipFit) -> tuple[dict[str, npt.NDArray[Any]], dict[str, str]]:
     for layer in range(3):
         out[f"weight{layer + 1}"] = [net.weights[layer] * Q16 for net in nets]
         out[f"bias{layer + 1}"] = [net.biases[layer] * Q16 for net in nets]
-    motion, load = zip(*(_rim_of(bench, press) for press in bench.presses), strict=True)
-    out["rim"] = rim_at_most(np.concatenate(motion), np.concatenate(load)) * Q16
+    out["rim"] = np.array(fit.report["rim_px"]) * Q16
     if modes[0].face is not None:
         out |= face_tables(modes[0].face, radius, tip_radius_mm(bench))
     most_un = round(MOST * bench.scale.full_n * 1e6)
     return {f"fingertip.{name}": _whole(values) for name, values in out.items()}, {"fingertip.most_un": str(most_un)}
-
-
-def _rim_of(bench: Bench, press: Press) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Motion of the rim (t, 2) in either eye, px, and load (t,) over the largest force, of a press's frames."""
-    rest, shifts = taken(press, bench.pins.rest)
-    is_used = bench.scale.used(press.told)
-    load = press.told[is_used, FORCE] / (MOST * bench.scale.full_n)
-    motion = [rim_motion(rest[eye], shifts[is_used, eye]) for eye in range(2)]
-    return np.concatenate(motion), np.tile(load, 2)
 
 
 def face_tables(face: FaceTable, radius_mm: float, tip_mm: float) -> dict[str, npt.ArrayLike]:

@@ -70,10 +70,8 @@ REST_PART = 0.02  # of full scale: nothing presses
 LOADED_PART = 0.1  # likewise: something does
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
 ONE_SIGMA = 0.6827
-LEAST_KINDS = 5  # logs, a kind of contact each: their errors left out tell what another kind differs by
-OTHER_KIND = (
-    0.5  # of a force, one sigma, where they do not: on a twin, a square face after balls, 0.46 to 0.54
-)
+LEAST_KINDS = 5  # kinds of contact: their errors left out tell what another kind differs by
+OTHER_KIND = 0.5  # of a force, one sigma, where they do not: on a twin, a square face after balls, 0.46 to 0.54
 TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
 
 
@@ -203,11 +201,11 @@ def _fit_at(
         found = _with_forward(fitted(frames, chosen, full), frames, errors, bend, folds)
     else:
         found = _with_forward(kernel_fitted(frames, touch, full, kernel, grid), frames, errors, None, folds)
-    if grid is not None and len(np.unique(frames.recording)) < LEAST_KINDS:
+    if grid is not None and (n_kinds := len({run.kind for run in runs})) < LEAST_KINDS:
         found = replace(found, error=_for_other_kinds(found.error, full))
         checks.append(
-            f"fewer than {LEAST_KINDS} logs: the stated uncertainty is at least {100 * OTHER_KIND:.0f} % of a force, "
-            "as another kind of contact may differ; give a log for each tip that will touch"
+            f"{n_kinds} of {LEAST_KINDS} kinds of contact: the stated uncertainty is at least "
+            f"{100 * OTHER_KIND:.0f} % of a force, as another kind may differ; give a log for each tip that will touch"
         )
     terms = {"temperature": chosen.warm, "quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)

@@ -7,6 +7,7 @@ targets or markers of a `cal collect` log.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +42,7 @@ class FeatureRun:
 
     features (t, n) raw integers at time_s (t,), is_good (t,) nothing lost; reference (r, 6) N and N m at reference_s
     (r,); degrees (t,) where the board has a thermometer. `touch` (t,) numbers the touches where the log does;
-    `recording` names the recording of a run that is only one touch of it.
+    `recording` names the recording of a run that is only one touch of it; `kind` what pressed, where the log says it.
     """
 
     name: str
@@ -53,6 +54,7 @@ class FeatureRun:
     degrees: Degrees | None = None
     touch: npt.NDArray[np.intp] | None = None
     recording: str = ""
+    kind: str = ""
 
     @property
     def is_row_by_row(self) -> bool:
@@ -189,9 +191,12 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
         if log.found.get("reference", {}).get("name") == PLACED:
             time_s, rows, reference = _placed(touch, time_s, rows, reference)
             reference_s = time_s
+        tip = touch.facts.get("tip", log.facts.get("tip"))
+        kind = json.dumps(tip, sort_keys=True) if tip else str(path)
         out.append(FeatureRun(f"{path.name}/{number}", time_s, rows, np.asarray(np.isfinite(rows).all(axis=1)),
                               reference_s, reference, Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest)),
-                              np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}"))  # fmt: skip
+                              np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}",
+                              kind))  # fmt: skip
     if not out:
         kept = "features of its picture" if wanted.sort == "picture" else f"{wanted.sort} in pixels"
         raise InputError(f"{path} holds no {kept}: give recordings of frames instead, or collect it again")
