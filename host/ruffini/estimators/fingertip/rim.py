@@ -41,7 +41,7 @@ def rim_motion(rest: Array, moved: Array) -> Array:
 def _common(*parts: Array) -> Array:
     """firmware/estimators/common_part.h of each frame, (t,)."""
     ordered = np.sort(np.stack(parts), axis=0)
-    return np.where(ordered[1] > 0, ordered[1], np.maximum(-ordered[2], 0))
+    return np.asarray(np.where(ordered[1] > 0, ordered[1], np.maximum(-ordered[2], 0)))
 
 
 def rim_at_most(motion: Array, load: Array) -> Array:
