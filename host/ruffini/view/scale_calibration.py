@@ -43,7 +43,7 @@ from ruffini.rig.session import open_real, ready_bench
 from ruffini.rig.settings import SCALE_MAX_N, scale_rig
 from ruffini.rig.units import GRAVITY_M_S2
 from ruffini.view.guided import press_keys
-from ruffini.view.steps import CLOSE, Choice, Field, GateRow, Step
+from ruffini.view.steps import CLOSE, OPEN, Choice, Field, GateRow, Step
 
 Fields = Mapping[str, str]
 Borrow = Callable[[], contextlib.AbstractContextManager[Connection]]
@@ -59,6 +59,7 @@ BEGIN = Choice("begin", "Begin", "begin a new calibration")
 GO_ON = Choice("continue", "Continue", "go on with the presses that are kept")
 MORE = Choice("more", f"Press {N_MORE} more", "the worst presses again, and more places")
 FLASH = Choice("flash", "Flash it", "put this calibration in force on the sensor")
+ANEW = OPEN._replace(label="New calibration", hint="leave these presses, and show the form of a new calibration")
 UNDO = Choice("undo", "Undo", "put the calibration in force that was before; once more takes that back")
 WHAT_IT_TAKES = (
     "Lay the sensor on a kitchen scale, pad up, and set the scale to zero. You press with something blunt, or with a "
@@ -182,7 +183,7 @@ class ScaleCalibration:
 
     def after_failure(self, why: str) -> Step:
         """The presses that are kept, and how to go on with them."""
-        choices = (GO_ON, MORE, CLOSE) if self._is_pressed() else (GO_ON, CLOSE)
+        choices = (GO_ON, MORE, ANEW, CLOSE) if self._is_pressed() else (GO_ON, ANEW, CLOSE)
         kept = f"{why} The presses are kept in {self.current}."
         return Step("ended", "It has ended", kept, is_bad=True, choices=choices)
 
@@ -199,7 +200,8 @@ class ScaleCalibration:
             self._look_at(sensor)
         assert self._board is not None
         scale_span(self._board)
-        self.current = self._unfinished()
+        self.current = None
+        folder = self._unfinished()
         # Colours that are learned from the same presses need more and deeper ones.
         grams, n = ("50, 100, 150, 200", "20") if self._is_calibrated else ("100, 150, 200", "30")
         fields = (
@@ -212,12 +214,15 @@ class ScaleCalibration:
         if not self._is_calibrated and needs_ball_first(self._board):
             text += f" Note: {NEEDS_BALL}."
         choices: tuple[Choice, ...] = (BEGIN, UNDO, CLOSE) if self._is_calibrated else (BEGIN, CLOSE)
-        if self.current is not None:
-            kept = Plan.read(self.current)
-            text = f"{kept.n_done(self.current)} of {kept.n_total} presses are kept in {self.current}. {text}"
-            choices = (GO_ON, *choices)
-        self.current = None
-        self.show(Step("offer", "Calibrate with a kitchen scale", text, choices=choices, fields=fields))
+        is_bad = False
+        if folder is not None:
+            try:
+                kept = Plan.read(folder)
+                text = f"{kept.n_done(folder)} of {kept.n_total} presses are kept in {folder}. {text}"
+                choices = (GO_ON, *choices)
+            except InputError as error:
+                text, is_bad = f"{error}. {text}", True
+        self.show(Step("offer", "Calibrate with a kitchen scale", text, is_bad, choices, fields))
 
     def _look_at(self, sensor: Connection) -> None:
         described = sensor.hello.sensors[0]

@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import aiohttp
@@ -106,7 +107,7 @@ def test_what_ends_the_presses_is_said_with_where_they_are_kept(
     monkeypatch.setattr(ScaleCalibration, "run", fail)
     state = run(Calibration(gone, None), "open")
     assert state["text"] == f"{sentence} The presses are kept in {tmp_path}."
-    assert words(state) == ["continue", "close"]
+    assert words(state) == ["continue", "open", "close"]
 
 
 def at_step(
@@ -185,6 +186,25 @@ def test_a_spoilt_plan_is_refused_in_a_sentence(text: str, tmp_path: Path) -> No
     (tmp_path / "settings.json").write_text(text)
     with pytest.raises(RuffiniError, match="begin a new calibration"):
         Plan.read(tmp_path)
+
+
+def sensor_with(sha256: bytes = b"", **hello: Any) -> Callable[[], contextlib.AbstractContextManager[Connection]]:
+    """Lends a gelslim with this calibration in force; it can be looked at, no more."""
+    calibration = SimpleNamespace(present=bool(sha256), sha256=sha256)
+    described = SimpleNamespace(board_toml=find_board("gelslim").text, calibration=calibration)
+    hello = {"sensors": [described], "needs_key": False, "key_ids": [], **hello}
+    sensor: Any = SimpleNamespace(hello=SimpleNamespace(**hello), port="/dev/pts/7", serial_number="7")
+    return lambda: contextlib.nullcontext(sensor)
+
+
+def test_a_spoilt_plan_does_not_stand_in_the_way_of_a_new_one(tmp_path: Path) -> None:
+    path = tmp_path / "20260101T000000Z" / "settings.json"
+    path.parent.mkdir()
+    path.write_text("spoilt")
+    state = run(Calibration(sensor_with(), tmp_path), "open")
+    assert (state["phase"], state["is_bad"], words(state)) == ("offer", True, ["begin", "close"])
+    assert re.match(rf"{path}: cannot be read .*: begin a new calibration\. Lay the sensor", state["text"])
+    assert [one["name"] for one in state["fields"]] == ["grams", "presses", "ball", "scale"]
 
 
 def test_boards_that_a_scale_cannot_calibrate_say_so() -> None:
