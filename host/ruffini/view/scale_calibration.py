@@ -69,6 +69,11 @@ NEEDS_BALL = (
     "this sensor has no calibration that tells depth from colours: press with a ball and give its diameter in mm"
 )
 
+OTHER = (
+    "these presses were begun with another calibration in force than now: begin a new calibration, or put the former "
+    "back with Undo, then continue"
+)
+
 
 class Plan(NamedTuple):
     """What a person presses, as it is kept in the calibration's folder. `rounds`: presses of each log, (x, y, g)."""
@@ -77,6 +82,7 @@ class Plan(NamedTuple):
     scale: str  # port; empty: the person types what it shows
     grams: tuple[float, ...]
     rounds: tuple[tuple[ScalePress, ...], ...]
+    in_force: str  # SHA-256 of the calibration that the presses are measured with; empty: none
 
     def write(self, folder: Path) -> None:
         """Raises InputError if it cannot be written."""
@@ -87,16 +93,19 @@ class Plan(NamedTuple):
         """Raises InputError if the file is spoilt."""
         path = folder / SETTINGS
         try:
-            ball_mm, scale, grams, rounds = json.loads(readable(path).read_text())
-            return cls(
-                ball_mm, scale, tuple(grams), tuple(tuple(ScalePress(*p) for p in presses) for presses in rounds)
-            )
+            ball_mm, scale, grams, rounds, in_force = json.loads(readable(path).read_text())
+            planned = tuple(tuple(ScalePress(*p) for p in presses) for presses in rounds)
+            return cls(ball_mm, scale, tuple(grams), planned, in_force)
         except (OSError, ValueError, TypeError) as error:
             raise InputError(f"{path}: cannot be read ({error}): begin a new calibration") from error
 
     def logs(self, folder: Path) -> list[Path]:
         """One a round."""
         return [folder / f"presses-{i}.h5" for i in range(1, len(self.rounds) + 1)]
+
+    def is_pressed(self, folder: Path) -> bool:
+        """All planned presses are there, as logs."""
+        return all(log.exists() for log in self.logs(folder))
 
     def n_done(self, folder: Path) -> int:
         """Presses that are kept."""
@@ -136,7 +145,7 @@ class ScaleCalibration:
     _keys: PageKeys = field(default_factory=PageKeys)
     _board: Board | None = None
     _serial: str = "*"
-    _is_calibrated: bool = False
+    _sha256: str = ""  # of the calibration in force; empty: none
     _is_stopped: bool = False
 
     # ---- for other threads ----------------------------------------------------------------------
@@ -191,7 +200,7 @@ class ScaleCalibration:
         """True if all planned presses are there."""
         with contextlib.suppress(RuffiniError):
             if self.current is not None:
-                return all(log.exists() for log in Plan.read(self.current).logs(self.current))
+                return Plan.read(self.current).is_pressed(self.current)
         return False
 
     def _open(self, _: Fields) -> None:
@@ -218,8 +227,10 @@ class ScaleCalibration:
         if folder is not None:
             try:
                 kept = Plan.read(folder)
-                text = f"{kept.n_done(folder)} of {kept.n_total} presses are kept in {folder}. {text}"
-                choices = (GO_ON, *choices)
+                is_bad = not kept.is_pressed(folder) and self._is_other(kept)
+                choices = (BEGIN, UNDO, CLOSE) if is_bad else (GO_ON, *choices)
+                why = f" {OTHER[0].upper()}{OTHER[1:]}." if is_bad else ""
+                text = f"{kept.n_done(folder)} of {kept.n_total} presses are kept in {folder}.{why} {text}"
             except InputError as error:
                 text, is_bad = f"{error}. {text}", True
         self.show(Step("offer", "Calibrate with a kitchen scale", text, is_bad, choices, fields))
@@ -227,7 +238,16 @@ class ScaleCalibration:
     def _look_at(self, sensor: Connection) -> None:
         described = sensor.hello.sensors[0]
         self._board = parse_board(described.board_toml, sensor.port)
-        self._serial, self._is_calibrated = sensor.serial_number, described.calibration.present
+        self._serial = sensor.serial_number
+        self._sha256 = described.calibration.sha256.hex() if described.calibration.present else ""
+
+    @property
+    def _is_calibrated(self) -> bool:
+        return bool(self._sha256)
+
+    def _is_other(self, kept: Plan) -> bool:
+        """Another calibration is in force than the presses were measured with: a fit of both would be of neither."""
+        return kept.in_force != self._sha256
 
     def _in_force(self, sensor: Connection) -> bytes:
         return sensor.read_calibration(lambda part: self.progress("Reading the calibration in force", part))
@@ -256,7 +276,7 @@ class ScaleCalibration:
         check_weights(presses, SCALE_MAX_N)
         now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%S%fZ")
         folder = self._root() / now
-        Plan(ball_mm, scale, grams, (tuple(presses),)).write(folder)
+        Plan(ball_mm, scale, grams, (tuple(presses),), self._sha256).write(folder)
         self.current = folder
         self._press_and_fit(folder)
 
@@ -288,9 +308,11 @@ class ScaleCalibration:
 
     def _press_and_fit(self, folder: Path) -> None:
         kept = Plan.read(folder)
-        if not all(log.exists() for log in kept.logs(folder)):
+        if not kept.is_pressed(folder):
             with self.borrow() as sensor:
                 self._look_at(sensor)
+                if self._is_other(kept):
+                    raise RefusedError(OTHER)
                 self._press(sensor, folder, kept)
         self._fit(folder, kept)
 

@@ -171,7 +171,7 @@ def test_what_makes_no_sense_is_named(fields: dict[str, str], sentence: str) -> 
 
 def test_a_plan_is_read_back_and_counts_what_is_there(tmp_path: Path) -> None:
     presses = (ScalePress(0.001, -0.002, 50.0), ScalePress(1 / 3000, 0.002, 100.0))
-    kept = Plan(6.35, "/dev/hidraw0", (50.0, 100.0), (presses, presses[:1]))
+    kept = Plan(6.35, "/dev/hidraw0", (50.0, 100.0), (presses, presses[:1]), "5f")
     kept.write(tmp_path)
     assert Plan.read(tmp_path) == kept
     (tmp_path / "presses-1.h5").touch()
@@ -181,7 +181,9 @@ def test_a_plan_is_read_back_and_counts_what_is_there(tmp_path: Path) -> None:
     assert kept.n_done(tmp_path) == 3
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", "[1, 2, 3, 4]", "[null, '', [1], [[[1, 2]]]]"])
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[1]", "[1, 2, 3, 4]", '[null, "", [1], [[[1, 2, 3]]]]', '[null, "", [1], [[[1, 2]]], ""]']
+)
 def test_a_spoilt_plan_is_refused_in_a_sentence(text: str, tmp_path: Path) -> None:
     (tmp_path / "settings.json").write_text(text)
     with pytest.raises(RuffiniError, match="begin a new calibration"):
@@ -205,6 +207,33 @@ def test_a_spoilt_plan_does_not_stand_in_the_way_of_a_new_one(tmp_path: Path) ->
     assert (state["phase"], state["is_bad"], words(state)) == ("offer", True, ["begin", "close"])
     assert re.match(rf"{path}: cannot be read .*: begin a new calibration\. Lay the sensor", state["text"])
     assert [one["name"] for one in state["fields"]] == ["grams", "presses", "ball", "scale"]
+
+
+@pytest.mark.parametrize(("before", "now"), [("", b"\1"), ("01", b"\2"), ("01", b"")])
+def test_presses_under_two_calibrations_are_never_mixed(before: str, now: bytes, tmp_path: Path) -> None:
+    folder = tmp_path / "20260101T000000Z"
+    kept = Plan(None, "", (50.0,), ((ScalePress(0.0, 0.0, 50.0),),), before)
+    kept.write(folder)
+    calibration = Calibration(sensor_with(now), tmp_path)
+    state = run(calibration, "open")
+    assert (state["phase"], state["is_bad"]) == ("offer", True)
+    assert words(state) == ["begin", "undo", "close"]
+    assert "0 of 1 presses are kept in" in state["text"]
+    assert "begin a new calibration, or put the former back with Undo" in state["text"]
+    same = Calibration(sensor_with(bytes.fromhex(before)), tmp_path)
+    assert words(run(same, "open"))[0] == "continue"
+    same._borrow = same._work.borrow = sensor_with(now)  # type: ignore[union-attr]  # flashed by another program
+    state = run(same, "continue")
+    assert state["text"].startswith("these presses were begun with another calibration in force than now")
+    assert words(state) == ["continue", "open", "close"]
+    assert words(run(same, "open"))[0] == "begin"
+
+
+def test_presses_that_are_all_there_are_fitted_whatever_is_in_force(tmp_path: Path) -> None:
+    folder = tmp_path / "20260101T000000Z"
+    Plan(None, "", (50.0,), ((ScalePress(0.0, 0.0, 50.0),),), "01").write(folder)
+    (folder / "presses-1.h5").touch()
+    assert words(run(Calibration(sensor_with(b"\2"), tmp_path), "open"))[0] == "continue"
 
 
 def test_boards_that_a_scale_cannot_calibrate_say_so() -> None:
