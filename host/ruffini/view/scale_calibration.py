@@ -436,12 +436,18 @@ def _row(gate: Gate) -> GateRow:
 def asked_for(fields: Fields) -> tuple[tuple[float, ...], int, float | None]:
     """Weights in grams, number of presses, and the ball's diameter in mm, as a person fills them in.
 
+    White space, `;`, and a comma before white space separate weights. A comma between digits is a decimal comma where
+    something else separates, and separates where nothing else does: "20,5, 10" is 20.5 and 10, but "12,25" is 12 and
+    25, and "20,5" is 20 and 5. Each weight may end in g.
+
     Raises
     ------
     InputError
         One of them makes no sense; the text names it.
     """
-    pieces = [piece for piece in re.split(r"[;\s]+|,\s+|,(?=\d\d)", fields.get("grams", "").strip()) if piece]
+    typed = re.sub(r"(?<=\d)\s*g(?![^;,\s])", "", fields.get("grams", "")).strip().rstrip(",; ")
+    pieces = re.split(r"\s*[;\s],?\s*|,\s+", typed)
+    pieces = [piece for piece in (pieces if len(pieces) > 1 else typed.split(",")) if piece]
     if not pieces:
         raise InputError("weights: give one at least, such as 50, 100, 200")
     grams = tuple(grams_of(piece) for piece in pieces)

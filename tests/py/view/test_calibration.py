@@ -143,8 +143,16 @@ def test_a_flash_that_is_refused_leaves_the_report_there(monkeypatch: pytest.Mon
     ("grams", "presses", "ball", "wanted"),
     [
         ("50, 100, 200", "20", "", ((50.0, 100.0, 200.0), 20, None)),
-        ("50,100 200;5", " 1 ", "6.35 mm", ((50.0, 100.0, 200.0, 5.0), 1, 6.35)),
-        ("50,5", "200", "6,35", ((50.5, ), 200, 6.35)),
+        ("50.5 100,5;5", " 1 ", "6.35 mm", ((50.5, 100.5, 5.0), 1, 6.35)),
+        ("20,5,10", "200", "6,35", ((20.0, 5.0, 10.0), 200, 6.35)),
+        ("12,25", "1", "", ((12.0, 25.0), 1, None)),
+        ("20,5, 10", "1", "", ((20.5, 10.0), 1, None)),
+        ("20,5;10 ; 7", "1", "", ((20.5, 10.0, 7.0), 1, None)),
+        ("50 g, 100 g", "1", "", ((50.0, 100.0), 1, None)),
+        ("50g,100g", "1", "", ((50.0, 100.0), 1, None)),
+        ("50 , 100,", "1", "", ((50.0, 100.0), 1, None)),
+        ("50,100,", "1", "", ((50.0, 100.0), 1, None)),
+        ("203.5 g", "1", "", ((203.5, ), 1, None)),
     ],
 )  # fmt: skip
 def test_a_form_is_read_as_people_fill_it_in(grams: str, presses: str, ball: str, wanted: Any) -> None:
@@ -156,6 +164,8 @@ def test_a_form_is_read_as_people_fill_it_in(grams: str, presses: str, ball: str
     [
         ({}, "weights: give one at least"),
         ({"grams": "x", "presses": "3"}, "'x' is no weight in grams"),
+        ({"grams": "50 kg", "presses": "3"}, "'kg' is no weight in grams"),
+        ({"grams": "50 gr, 7", "presses": "3"}, "'gr' is no weight in grams"),
         ({"grams": "nan", "presses": "3"}, "'nan' is no weight in grams"),
         ({"grams": "50"}, "'' is no number of presses: give 1 to 200"),
         ({"grams": "50", "presses": "0"}, "'0' is no number of presses"),
