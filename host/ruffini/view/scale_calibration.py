@@ -274,6 +274,8 @@ class ScaleCalibration:
             raise InputError(NEEDS_BALL)
         presses = self._planned(n, grams)
         check_weights(presses, SCALE_MAX_N)
+        if scale:  # one that cannot be opened is told while the form is there
+            scale_rig(scale).reference.open().close()
         now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%S%fZ")
         folder = self._root() / now
         Plan(ball_mm, scale, grams, (tuple(presses),), self._sha256).write(folder)

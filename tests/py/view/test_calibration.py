@@ -219,6 +219,16 @@ def test_a_spoilt_plan_does_not_stand_in_the_way_of_a_new_one(tmp_path: Path) ->
     assert [one["name"] for one in state["fields"]] == ["grams", "presses", "ball", "scale"]
 
 
+def test_a_scale_that_cannot_be_opened_leaves_the_form_and_nothing_else(tmp_path: Path) -> None:
+    calibration = Calibration(sensor_with(b"\1"), tmp_path / "calibrations")
+    run(calibration, "open")
+    state = run(calibration, "begin", grams="50", presses="3", scale="/dev/hidraw999")
+    assert (state["phase"], state["is_bad"]) == ("offer", True)
+    assert state["text"].startswith("/dev/hidraw999 cannot be opened")
+    assert [one["value"] for one in state["fields"]] == ["50", "3", "", "/dev/hidraw999"]
+    assert not (tmp_path / "calibrations").exists()
+
+
 @pytest.mark.parametrize(("before", "now"), [("", b"\1"), ("01", b"\2"), ("01", b"")])
 def test_presses_under_two_calibrations_are_never_mixed(before: str, now: bytes, tmp_path: Path) -> None:
     folder = tmp_path / "20260101T000000Z"
