@@ -300,9 +300,7 @@ class ScaleCalibration:
         folder = self.current
         assert folder is not None
         before = Plan.read(folder)
-        report = folder / FIGURES
-        worst = json.loads(report.read_text()).get("worst", []) if report.exists() else []
-        again = [ScalePress(w["x_m"], w["y_m"], w["grams"]) for w in worst]
+        again = _worst_of(folder / FIGURES)
         n_new = len({press for presses in before.rounds for press in presses})
         new = self._planned(n_new + N_MORE - len(again), before.grams)[n_new:]
         before._replace(rounds=(*before.rounds, (*again, *new))).write(folder)
@@ -424,6 +422,17 @@ class ScaleCalibration:
         what = f"{', '.join(active.kinds)} of {active.created_utc}" if active.present else "no calibration, as before"
         self.show(Step("flashed", "Undone", f"In force: {what}. Undo once more takes that back.",
                         choices=(CLOSE, UNDO)))  # fmt: skip
+
+
+def _worst_of(report: Path) -> list[ScalePress]:
+    """The presses that a report names; none before there is one."""
+    if not report.exists():
+        return []
+    try:
+        worst = json.loads(readable(report).read_text())["worst"]
+        return [ScalePress(float(w["x_m"]), float(w["y_m"]), float(w["grams"])) for w in worst]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(f"{report}: cannot be read ({error!r}): Continue makes it again") from error
 
 
 def _by_force(press: ScalePress) -> HandTouch:

@@ -92,6 +92,10 @@ def test_of_two_browsers_that_choose_at_once_one_is_heard(monkeypatch: pytest.Mo
     [
         (OSError(errno.ENOSPC, "No space left on device", "/x/00001.h5"),
          "/x/00001.h5: No space left on device: make room, then continue."),
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), "{folder}: Disk quota exceeded: make room, then continue."),
+        (PermissionError(errno.EACCES, "Permission denied", "/x/00001.h5"), "/x/00001.h5: Permission denied."),
+        (OSError("Unable to open file (file signature not found)"),
+         "{folder}: Unable to open file (file signature not found)."),
         (NoDeviceError("the line was lost"), "the line was lost."),
         (InputError("is it plugged in?"), "is it plugged in?"),
         (ZeroDivisionError("0"), "this is a fault of ruffini (ZeroDivisionError('0'))."),
@@ -106,7 +110,7 @@ def test_what_ends_the_presses_is_said_with_where_they_are_kept(
 
     monkeypatch.setattr(ScaleCalibration, "run", fail)
     state = run(Calibration(gone, None), "open")
-    assert state["text"] == f"{sentence} The presses are kept in {tmp_path}."
+    assert state["text"] == f"{sentence.format(folder=tmp_path)} The presses are kept in {tmp_path}."
     assert words(state) == ["continue", "open", "close"]
 
 
@@ -227,6 +231,17 @@ def test_a_scale_that_cannot_be_opened_leaves_the_form_and_nothing_else(tmp_path
     assert state["text"].startswith("/dev/hidraw999 cannot be opened")
     assert [one["value"] for one in state["fields"]] == ["50", "3", "", "/dev/hidraw999"]
     assert not (tmp_path / "calibrations").exists()
+
+
+@pytest.mark.parametrize("text", ["spoilt", "[]", "{}", '{"worst": [{"x_m": 0}]}', '{"worst": 7}'])
+def test_a_spoilt_report_is_named_and_made_again(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.json"
+    assert scale_calibration._worst_of(path) == []
+    path.write_text(text)
+    with pytest.raises(InputError, match=rf"{path}: cannot be read .*: Continue makes it again"):
+        scale_calibration._worst_of(path)
+    path.write_text('{"worst": [{"x_m": 0.001, "y_m": 0, "grams": 50, "told": "press", "error_n": 1}]}')
+    assert scale_calibration._worst_of(path) == [ScalePress(0.001, 0.0, 50.0)]
 
 
 @pytest.mark.parametrize(("before", "now"), [("", b"\1"), ("01", b"\2"), ("01", b"")])
