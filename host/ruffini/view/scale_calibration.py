@@ -409,7 +409,15 @@ class ScaleCalibration:
             container.check_board(file, self._board)
             if self._is_calibrated:
                 backup.keep(self._in_force(sensor), sensor.serial_number, backup.folder())
-            sensor.flash(file.data, lambda part: self.progress("Flashing", part), self.progress)
+            try:
+                sensor.flash(file.data, lambda part: self.progress("Flashing", part), self.progress)
+            except RefusedError as error:
+                if not sensor.hello.key_ids:
+                    raise
+                raise RefusedError(
+                    f"{error}; this sensor has owners (keys {', '.join(sensor.hello.key_ids)}), and a page signs with "
+                    f"no key of theirs: end the viewer, then `ruffini cal flash {folder / FITTED} --key NAME`"
+                ) from error
         write_whole(folder / FLASHED, file.sha256.hex().encode())
         text = "The sensor measures with this calibration now, and keeps the one before: Undo puts that back."
         self.show(Step("flashed", "In force", text, choices=(CLOSE, UNDO), has_report=True))

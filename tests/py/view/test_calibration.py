@@ -7,7 +7,7 @@ import contextlib
 import errno
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -204,12 +204,14 @@ def test_a_spoilt_plan_is_refused_in_a_sentence(text: str, tmp_path: Path) -> No
         Plan.read(tmp_path)
 
 
-def sensor_with(sha256: bytes = b"", **hello: Any) -> Callable[[], contextlib.AbstractContextManager[Connection]]:
+def sensor_with(
+    sha256: bytes = b"", *, key_ids: Sequence[str] = (), flash: Callable[..., None] | None = None
+) -> Callable[[], contextlib.AbstractContextManager[Connection]]:
     """Lends a gelslim with this calibration in force; it can be looked at, no more."""
     calibration = SimpleNamespace(present=bool(sha256), sha256=sha256)
     described = SimpleNamespace(board_toml=find_board("gelslim").text, calibration=calibration)
-    hello = {"sensors": [described], "needs_key": False, "key_ids": [], **hello}
-    sensor: Any = SimpleNamespace(hello=SimpleNamespace(**hello), port="/dev/pts/7", serial_number="7")
+    hello = SimpleNamespace(sensors=[described], key_ids=key_ids)
+    sensor: Any = SimpleNamespace(hello=hello, port="/dev/pts/7", serial_number="7", flash=flash)
     return lambda: contextlib.nullcontext(sensor)
 
 
@@ -269,6 +271,28 @@ def test_presses_that_are_all_there_are_fitted_whatever_is_in_force(tmp_path: Pa
     Plan(None, "", (50.0,), ((ScalePress(0.0, 0.0, 50.0),),), "01").write(folder)
     (folder / "presses-1.h5").touch()
     assert words(run(Calibration(sensor_with(b"\2"), tmp_path), "open"))[0] == "continue"
+
+
+@pytest.mark.parametrize(("key_ids", "is_named"), [(["12ab34cd"], True), ([], False)])
+def test_a_refused_flash_of_a_sensor_with_owners_says_how_they_flash(
+    key_ids: list[str], is_named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise RefusedError("no key of this sensor signed it")
+
+    file = SimpleNamespace(data=b"", sha256=b"")
+    for name in ("container.read", "container.check_board", "check_gates"):
+        monkeypatch.setattr(f"ruffini.view.scale_calibration.{name}", lambda *_, **__: file)
+    calibration = Calibration(sensor_with(key_ids=key_ids, flash=refuse), tmp_path)
+    run(calibration, "open")
+    assert calibration._work is not None
+    calibration._work.current = tmp_path
+    calibration._show(scale_calibration.Step("report", "Passes", choices=(scale_calibration.FLASH,), has_report=True))
+    state = run(calibration, "flash")
+    assert (state["phase"], words(state)) == ("report", ["flash"])
+    command = f"`ruffini cal flash {tmp_path}/calibration.safetensors --key NAME`"
+    assert state["text"].startswith("no key of this sensor signed it")
+    assert (command in state["text"]) == is_named
 
 
 def test_boards_that_a_scale_cannot_calibrate_say_so() -> None:
