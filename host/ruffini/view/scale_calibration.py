@@ -412,10 +412,11 @@ class ScaleCalibration:
             try:
                 sensor.flash(file.data, lambda part: self.progress("Flashing", part), self.progress)
             except RefusedError as error:
-                if not sensor.hello.key_ids:
+                keys = ", ".join(getattr(sensor.hello, "key_ids", []))  # an older sensor's says nothing of them
+                if not keys:
                     raise
                 raise RefusedError(
-                    f"{error}; this sensor has owners (keys {', '.join(sensor.hello.key_ids)}), and a page signs with "
+                    f"{error}; this sensor has owners (keys {keys}), and a page signs with "
                     f"no key of theirs: end the viewer, then `ruffini cal flash {folder / FITTED} --key NAME`"
                 ) from error
         write_whole(folder / FLASHED, file.sha256.hex().encode())
