@@ -63,7 +63,7 @@ class Calibration:
             self._work.answer(word, number, typed)
 
     def choose(self, word: object, step: object, fields: object) -> None:
-        """A page's choice; one of a step before, as a second browser's may be, is none."""
+        """What a page chose; ignored if it was chosen at a step that is over, as in a second browser that is late."""
         with self._lock:
             if step != self._number or word not in [choice.word for choice in self._step.choices]:
                 return
