@@ -1,6 +1,7 @@
 // The page: lines, panels, keys.
 
 import type { Guide } from "./guide";
+import { pressKey } from "./keys";
 import { Line } from "./line";
 import type { Answer, Hello, Snapshot } from "./messages";
 import type { Field } from "./results";
@@ -427,14 +428,7 @@ document.querySelector("#keys")!.append(
 );
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
-  if (event.key === " " && event.target instanceof HTMLButtonElement) return; // presses that button
-  if (event.key === "Enter" && event.target instanceof HTMLButtonElement) return; // likewise
-  if (event.target instanceof HTMLInputElement && event.key !== "Enter") return; // typed into it
-  const guides = strands.flatMap(({ guide }) => guide?.buttons.filter((b) => !b.hidden) ?? []);
-  const found = [...guides, ...BUTTONS].find((b) => b.dataset["key"] === event.key.toLowerCase());
-  if (!found || found.hidden) return;
-  event.preventDefault();
-  found.click();
+  pressKey(event, [...strands.flatMap(({ guide }) => guide?.buttons ?? []), ...BUTTONS]);
 });
 
 // What is recorded is in this page's memory until it is saved.

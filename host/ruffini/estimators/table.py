@@ -20,7 +20,7 @@ from ruffini.estimators.skin.stage import SKIN
 from ruffini.estimators.task import Task, Turned
 from ruffini.estimators.threshold.stage import THRESHOLD
 from ruffini.estimators.wrench.stage import WRENCH
-from ruffini.rig.program import Span, span_of
+from ruffini.rig.program import INDENTERS, Span, span_of
 
 ESTIMATORS: tuple[Estimator, ...] = (
     CAMERA,
@@ -80,6 +80,24 @@ def scale_span(board: Board) -> Span:
         raise InputError(f"board {board.name!r} needs more than presses on a kitchen scale: see "
                          "docs/how-to/calibrate-your-pad.md")  # fmt: skip
     return span_of(board, 1e-3 * task.depth_mm, 0.0).inside(task.scale_part)
+
+
+def how_calibrated(board: Board) -> str:
+    """What calibrates a unit that is connected, for a person.
+
+    Raises
+    ------
+    InputError
+        As `task_of`.
+    """
+    task = task_of(board)
+    if isinstance(task, Turned) or task.program == INDENTERS:  # by tools that no machine of `cal auto` changes
+        return f"by `ruffini cal fit --only {task.name}`"
+    if task.scale_part is not None:
+        return "with Calibrate in the page, or `ruffini cal auto`"
+    if board.picture_features is not None:
+        return "by `ruffini cal auto`, or `ruffini cal fit` of presses (`ruffini cal collect --rig scale`) or of videos"
+    return "by `ruffini cal auto`"
 
 
 def needs_ball_first(board: Board) -> bool:

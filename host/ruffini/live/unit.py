@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from ruffini.boards import Board
 from ruffini.daemon import Daemon, started_daemon
+from ruffini.errors import InputError
 from ruffini.frames import read_frames
 from ruffini.live.cameras import LocalCamera
 from ruffini.live.folders import CALIBRATIONS, unit_folder
@@ -90,8 +91,11 @@ def what_is_missing(board: Board, calibration: Any) -> str:
         shown.append("the motion of its markers in millimetres")
     never = f"; this board never measures {', '.join(board.board.not_measured)}" if board.board.not_measured else ""
     if not calibration.present:
-        calibrated = "it is calibrated (Calibrate in the page, or `ruffini cal auto`)"
-        if board.picture_features is not None:
-            calibrated = "a fit to videos, `ruffini cal fit --only wrench --videos`, is flashed"
-        return f"not calibrated: shows {' and '.join(shown)}, no newtons until {calibrated}{never}"
+        from ruffini.estimators.table import how_calibrated  # the fits take a second to import
+
+        try:
+            until = f", no newtons until it is calibrated {how_calibrated(board)}"
+        except InputError as error:
+            until = f"; {error}"
+        return f"not calibrated: shows {' and '.join(shown)}{until}{never}"
     return f"calibrated ({', '.join(calibration.kinds)}, {calibration.created_utc}){never}"

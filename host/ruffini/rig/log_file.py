@@ -76,7 +76,7 @@ class LogWriter:
         if path.exists():
             raise InputError(f"{path} exists and is complete: choose another name, or remove it")
         if begun.exists():
-            before = json.loads(readable(begun).read_text())
+            before = _begun(begun)
             other = sorted(k for k in before.keys() | facts.keys() if before.get(k) != facts.get(k))
             if other:
                 raise InputError(
@@ -117,6 +117,18 @@ class LogWriter:
         self._folder.rmdir()
 
 
+def _begun(path: Path) -> dict[str, Any]:
+    """What a log was begun with."""
+    try:
+        before = json.loads(readable(path).read_text())
+        if isinstance(before, dict):
+            return before
+        why = "it is no JSON object"
+    except (OSError, ValueError, RecursionError) as error:
+        why = str(error)
+    raise InputError(f"{path}: cannot be read ({why}): begin a new log in another place")
+
+
 def write_log(path: Path, log: Log) -> None:
     """A whole log at once."""
     stream = io.BytesIO()
@@ -136,8 +148,11 @@ def _put(group: h5py.Group, record: TouchRecord, marker_unit: str = "px") -> Non
 
 
 def _get_file(path: Path) -> TouchRecord:
-    with h5py.File(readable(path, None)) as file:
-        return _get(file)
+    try:
+        with h5py.File(readable(path, None)) as file:
+            return _get(file)
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError) as error:
+        raise InputError(f"{path}: cannot be read ({error}): remove it, and it is collected again") from error
 
 
 def _get(group: h5py.Group) -> TouchRecord:

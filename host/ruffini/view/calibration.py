@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import threading
 from collections.abc import Callable
@@ -62,7 +63,7 @@ class Calibration:
             self._work.answer(word, number, typed)
 
     def choose(self, word: object, step: object, fields: object) -> None:
-        """A page's choice; one of a step before, as a second browser's may be, is none."""
+        """What a page chose; ignored if it was chosen at a step that is over, as in a second browser that is late."""
         with self._lock:
             if step != self._number or word not in [choice.word for choice in self._step.choices]:
                 return
@@ -103,7 +104,7 @@ class Calibration:
         except RuffiniError as error:
             why = str(error)
         except OSError as error:
-            why = f"{error.filename or work.current}: {error.strerror}: make room, then continue"
+            why = _told(error, work.current)
         except Exception as error:
             logging.getLogger("ruffini.view").exception("calibration")
             why = f"this is a fault of ruffini ({error!r})"
@@ -116,3 +117,10 @@ class Calibration:
             self._show(Step("ended", "It did not work", why, is_bad=True, choices=(again, CLOSE)))
         else:
             self._show(work.after_failure(why))
+
+
+def _told(error: OSError, folder: Path | None) -> str:
+    """What failed, where, and what to do if that is known; h5py names neither file nor number."""
+    where = error.filename or folder
+    what = f"{where}: {error.strerror or error}" if where else str(error.strerror or error)
+    return f"{what}: make room, then continue" if error.errno in (errno.ENOSPC, errno.EDQUOT) else what

@@ -43,7 +43,7 @@ from ruffini.rig.session import open_real, ready_bench
 from ruffini.rig.settings import SCALE_MAX_N, scale_rig
 from ruffini.rig.units import GRAVITY_M_S2
 from ruffini.view.guided import press_keys
-from ruffini.view.steps import CLOSE, Choice, Field, GateRow, Step
+from ruffini.view.steps import CLOSE, OPEN, Choice, Field, GateRow, Step
 
 Fields = Mapping[str, str]
 Borrow = Callable[[], contextlib.AbstractContextManager[Connection]]
@@ -59,6 +59,7 @@ BEGIN = Choice("begin", "Begin", "begin a new calibration")
 GO_ON = Choice("continue", "Continue", "go on with the presses that are kept")
 MORE = Choice("more", f"Press {N_MORE} more", "the worst presses again, and more places")
 FLASH = Choice("flash", "Flash it", "put this calibration in force on the sensor")
+ANEW = OPEN._replace(label="New calibration", hint="leave these presses, and show the form of a new calibration")
 UNDO = Choice("undo", "Undo", "put the calibration in force that was before; once more takes that back")
 WHAT_IT_TAKES = (
     "Lay the sensor on a kitchen scale, pad up, and set the scale to zero. You press with something blunt, or with a "
@@ -66,6 +67,11 @@ WHAT_IT_TAKES = (
 )
 NEEDS_BALL = (
     "this sensor has no calibration that tells depth from colours: press with a ball and give its diameter in mm"
+)
+
+OTHER = (
+    "these presses were begun with another calibration in force than now: begin a new calibration, or put the former "
+    "back with Undo, then continue"
 )
 
 
@@ -76,6 +82,7 @@ class Plan(NamedTuple):
     scale: str  # port; empty: the person types what it shows
     grams: tuple[float, ...]
     rounds: tuple[tuple[ScalePress, ...], ...]
+    in_force: str  # SHA-256 of the calibration that the presses are measured with; empty: none
 
     def write(self, folder: Path) -> None:
         """Raises InputError if it cannot be written."""
@@ -86,16 +93,19 @@ class Plan(NamedTuple):
         """Raises InputError if the file is spoilt."""
         path = folder / SETTINGS
         try:
-            ball_mm, scale, grams, rounds = json.loads(readable(path).read_text())
-            return cls(
-                ball_mm, scale, tuple(grams), tuple(tuple(ScalePress(*p) for p in presses) for presses in rounds)
-            )
+            ball_mm, scale, grams, rounds, in_force = json.loads(readable(path).read_text())
+            planned = tuple(tuple(ScalePress(*p) for p in presses) for presses in rounds)
+            return cls(ball_mm, scale, tuple(grams), planned, in_force)
         except (OSError, ValueError, TypeError) as error:
             raise InputError(f"{path}: cannot be read ({error}): begin a new calibration") from error
 
     def logs(self, folder: Path) -> list[Path]:
         """One a round."""
         return [folder / f"presses-{i}.h5" for i in range(1, len(self.rounds) + 1)]
+
+    def is_pressed(self, folder: Path) -> bool:
+        """All planned presses are there, as logs."""
+        return all(log.exists() for log in self.logs(folder))
 
     def n_done(self, folder: Path) -> int:
         """Presses that are kept."""
@@ -135,7 +145,7 @@ class ScaleCalibration:
     _keys: PageKeys = field(default_factory=PageKeys)
     _board: Board | None = None
     _serial: str = "*"
-    _is_calibrated: bool = False
+    _sha256: str = ""  # of the calibration in force; empty: none
     _is_stopped: bool = False
 
     # ---- for other threads ----------------------------------------------------------------------
@@ -182,7 +192,7 @@ class ScaleCalibration:
 
     def after_failure(self, why: str) -> Step:
         """The presses that are kept, and how to go on with them."""
-        choices = (GO_ON, MORE, CLOSE) if self._is_pressed() else (GO_ON, CLOSE)
+        choices = (GO_ON, MORE, ANEW, CLOSE) if self._is_pressed() else (GO_ON, ANEW, CLOSE)
         kept = f"{why} The presses are kept in {self.current}."
         return Step("ended", "It has ended", kept, is_bad=True, choices=choices)
 
@@ -190,7 +200,7 @@ class ScaleCalibration:
         """True if all planned presses are there."""
         with contextlib.suppress(RuffiniError):
             if self.current is not None:
-                return all(log.exists() for log in Plan.read(self.current).logs(self.current))
+                return Plan.read(self.current).is_pressed(self.current)
         return False
 
     def _open(self, _: Fields) -> None:
@@ -199,7 +209,8 @@ class ScaleCalibration:
             self._look_at(sensor)
         assert self._board is not None
         scale_span(self._board)
-        self.current = self._unfinished()
+        self.current = None
+        folder = self._unfinished()
         # Colours that are learned from the same presses need more and deeper ones.
         grams, n = ("50, 100, 150, 200", "20") if self._is_calibrated else ("100, 150, 200", "30")
         fields = (
@@ -212,17 +223,31 @@ class ScaleCalibration:
         if not self._is_calibrated and needs_ball_first(self._board):
             text += f" Note: {NEEDS_BALL}."
         choices: tuple[Choice, ...] = (BEGIN, UNDO, CLOSE) if self._is_calibrated else (BEGIN, CLOSE)
-        if self.current is not None:
-            kept = Plan.read(self.current)
-            text = f"{kept.n_done(self.current)} of {kept.n_total} presses are kept in {self.current}. {text}"
-            choices = (GO_ON, *choices)
-        self.current = None
-        self.show(Step("offer", "Calibrate with a kitchen scale", text, choices=choices, fields=fields))
+        is_bad = False
+        if folder is not None:
+            try:
+                kept = Plan.read(folder)
+                is_bad = not kept.is_pressed(folder) and self._is_other(kept)
+                choices = (BEGIN, UNDO, CLOSE) if is_bad else (GO_ON, *choices)
+                why = f" {OTHER[0].upper()}{OTHER[1:]}." if is_bad else ""
+                text = f"{kept.n_done(folder)} of {kept.n_total} presses are kept in {folder}.{why} {text}"
+            except InputError as error:
+                text, is_bad = f"{error}. {text}", True
+        self.show(Step("offer", "Calibrate with a kitchen scale", text, is_bad, choices, fields))
 
     def _look_at(self, sensor: Connection) -> None:
         described = sensor.hello.sensors[0]
         self._board = parse_board(described.board_toml, sensor.port)
-        self._serial, self._is_calibrated = sensor.serial_number, described.calibration.present
+        self._serial = sensor.serial_number
+        self._sha256 = described.calibration.sha256.hex() if described.calibration.present else ""
+
+    @property
+    def _is_calibrated(self) -> bool:
+        return bool(self._sha256)
+
+    def _is_other(self, kept: Plan) -> bool:
+        """Another calibration is in force than the presses were measured with: a fit of both would be of neither."""
+        return kept.in_force != self._sha256
 
     def _in_force(self, sensor: Connection) -> bytes:
         return sensor.read_calibration(lambda part: self.progress("Reading the calibration in force", part))
@@ -249,9 +274,11 @@ class ScaleCalibration:
             raise InputError(NEEDS_BALL)
         presses = self._planned(n, grams)
         check_weights(presses, SCALE_MAX_N)
+        if scale:  # one that cannot be opened is told while the form is there
+            scale_rig(scale).reference.open().close()
         now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%S%fZ")
         folder = self._root() / now
-        Plan(ball_mm, scale, grams, (tuple(presses),)).write(folder)
+        Plan(ball_mm, scale, grams, (tuple(presses),), self._sha256).write(folder)
         self.current = folder
         self._press_and_fit(folder)
 
@@ -273,9 +300,7 @@ class ScaleCalibration:
         folder = self.current
         assert folder is not None
         before = Plan.read(folder)
-        report = folder / FIGURES
-        worst = json.loads(report.read_text()).get("worst", []) if report.exists() else []
-        again = [ScalePress(w["x_m"], w["y_m"], w["grams"]) for w in worst]
+        again = _worst_of(folder / FIGURES)
         n_new = len({press for presses in before.rounds for press in presses})
         new = self._planned(n_new + N_MORE - len(again), before.grams)[n_new:]
         before._replace(rounds=(*before.rounds, (*again, *new))).write(folder)
@@ -283,9 +308,11 @@ class ScaleCalibration:
 
     def _press_and_fit(self, folder: Path) -> None:
         kept = Plan.read(folder)
-        if not all(log.exists() for log in kept.logs(folder)):
+        if not kept.is_pressed(folder):
             with self.borrow() as sensor:
                 self._look_at(sensor)
+                if self._is_other(kept):
+                    raise RefusedError(OTHER)
                 self._press(sensor, folder, kept)
         self._fit(folder, kept)
 
@@ -382,7 +409,16 @@ class ScaleCalibration:
             container.check_board(file, self._board)
             if self._is_calibrated:
                 backup.keep(self._in_force(sensor), sensor.serial_number, backup.folder())
-            sensor.flash(file.data, lambda part: self.progress("Flashing", part), self.progress)
+            try:
+                sensor.flash(file.data, lambda part: self.progress("Flashing", part), self.progress)
+            except RefusedError as error:
+                keys = ", ".join(getattr(sensor.hello, "key_ids", []))  # an older sensor's says nothing of them
+                if not keys:
+                    raise
+                raise RefusedError(
+                    f"{error}; this sensor has owners (keys {keys}), and a page signs with "
+                    f"no key of theirs: end the viewer, then `ruffini cal flash {folder / FITTED} --key NAME`"
+                ) from error
         write_whole(folder / FLASHED, file.sha256.hex().encode())
         text = "The sensor measures with this calibration now, and keeps the one before: Undo puts that back."
         self.show(Step("flashed", "In force", text, choices=(CLOSE, UNDO), has_report=True))
@@ -397,6 +433,17 @@ class ScaleCalibration:
                         choices=(CLOSE, UNDO)))  # fmt: skip
 
 
+def _worst_of(report: Path) -> list[ScalePress]:
+    """The presses that a report names; none before there is one."""
+    if not report.exists():
+        return []
+    try:
+        worst = json.loads(readable(report).read_text())["worst"]
+        return [ScalePress(float(w["x_m"]), float(w["y_m"]), float(w["grams"])) for w in worst]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(f"{report}: cannot be read ({error!r}): Continue makes it again") from error
+
+
 def _by_force(press: ScalePress) -> HandTouch:
     """The same for a scale that is read without a person."""
     return HandTouch(press.x_m, press.y_m, 1e-3 * press.grams * GRAVITY_M_S2)
@@ -409,12 +456,18 @@ def _row(gate: Gate) -> GateRow:
 def asked_for(fields: Fields) -> tuple[tuple[float, ...], int, float | None]:
     """Weights in grams, number of presses, and the ball's diameter in mm, as a person fills them in.
 
+    White space, `;`, and a comma before white space separate weights. A comma between digits is a decimal comma where
+    something else separates, and separates where nothing else does: "20,5, 10" is 20.5 and 10, but "12,25" is 12 and
+    25, and "20,5" is 20 and 5. Each weight may end in g.
+
     Raises
     ------
     InputError
         One of them makes no sense; the text names it.
     """
-    pieces = [piece for piece in re.split(r"[;\s]+|,\s+|,(?=\d\d)", fields.get("grams", "").strip()) if piece]
+    typed = re.sub(r"(?<=\d)\s*g(?![^;,\s])", "", fields.get("grams", "")).strip().rstrip(",; ")
+    pieces = re.split(r"\s*[;\s],?\s*|,\s+", typed)
+    pieces = [piece for piece in (pieces if len(pieces) > 1 else typed.split(",")) if piece]
     if not pieces:
         raise InputError("weights: give one at least, such as 50, 100, 200")
     grams = tuple(grams_of(piece) for piece in pieces)

@@ -17,6 +17,8 @@ from ruffini.estimators.operator.report import _worst
 from ruffini.estimators.operator.stage import _saw_pictures
 from ruffini.estimators.photometric.stage import _write_presses
 from ruffini.rig.log_file import Log, TouchRecord
+from ruffini.rig.program import ScalePress
+from ruffini.view.scale_calibration import _by_force
 
 BALL = {"tip": {"shape": "sphere", "radius_m": 0.003}}
 
@@ -40,6 +42,9 @@ def test_the_worst_presses_are_named_first() -> None:
     worst = _worst(log, now)
     assert [row["told"] for row in worst] == ["press 3", "press 4", "press 1"]
     assert worst[0] == {"told": "press 3", "x_m": 0.003, "y_m": 0.0, "grams": 100.0, "error_n": pytest.approx(0.3)}
+    log.touch_facts = [{"told": "by a scale on a port", "kind": "hand", **press._asdict()}
+                       for press in (_by_force(ScalePress(0.001 * i, 0.0, 70.3)) for i in range(5))]  # fmt: skip
+    assert [(row["x_m"], row["grams"]) for row in _worst(log, now)] == [(0.003, 70.3), (0.004, 70.3), (0.001, 70.3)]
     log.touch_facts = [{"told": "by a stage"}] * 5
     assert _worst(log, now) == []
     log.touch_facts = facts[:4]  # nobody knows which one is missing

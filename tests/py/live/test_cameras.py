@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from ruffini.boards import Board, find_board, parse_board
+from ruffini.boards import Board, board_names, find_board, parse_board
 from ruffini.errors import InputError, NoDeviceError, SeveralDevicesError
+from ruffini.estimators.table import scale_span
 from ruffini.live.cameras import LocalCamera, boards_of_camera, boards_of_size, choose_camera, the_one
 from ruffini.live.unit import of_camera, of_recording, picture_size, store_folder, what_is_missing
 
@@ -99,5 +100,35 @@ def test_what_is_missing_is_one_sentence() -> None:
     said = what_is_missing(find_board("gelsight-mini"), nothing)
     assert said.startswith("not calibrated: shows the picture and the motion of its markers in millimetres, no newtons")
     assert "never measures force_z, torque_x" in said
+    for board, how in {
+        "gelslim": "with Calibrate in the page, or `ruffini cal auto`",
+        "digit-tactile": "by `ruffini cal auto`, or `ruffini cal fit` of presses (`ruffini cal collect --rig scale`)",
+        "ftouch": "by `ruffini cal auto`",
+        "eltac": "by `ruffini cal auto`",
+        "contact-glitter": "by `ruffini cal fit --only contact`",
+        "stereo-fingertip": "by `ruffini cal fit --only fingertip`",
+    }.items():
+        said = what_is_missing(find_board(board), nothing)
+        assert f"no newtons until it is calibrated {how}" in said
+
+
+@pytest.mark.parametrize("name", board_names())
+def test_who_is_sent_to_the_page_is_not_refused_there(name: str) -> None:
+    said = what_is_missing(find_board(name), SimpleNamespace(present=False))
+    if "Calibrate" in said:
+        assert scale_span(find_board(name)).half_x_m > 0
+    else:
+        with pytest.raises(InputError, match="needs more than presses on a kitchen scale"):
+            scale_span(find_board(name))
+
+
+def test_a_board_that_nothing_calibrates_is_shown_all_the_same() -> None:
+    wedge = find_board("gelsight-wedge")
+    bare = wedge.model_copy(update={"pipeline": wedge.pipeline.model_copy(update={"stages": ["difference"]})})
+    said = what_is_missing(bare, SimpleNamespace(present=False))
+    assert said.startswith("not calibrated: shows the picture; board 'gelsight-wedge' has no estimator yet")
+
+
+def test_what_a_calibrated_unit_measures_is_one_sentence() -> None:
     done = SimpleNamespace(present=True, kinds=["operator"], created_utc="2026-01-01T00:00:00Z")
     assert what_is_missing(find_board("gelslim"), done) == "calibrated (operator, 2026-01-01T00:00:00Z)"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -158,6 +160,19 @@ def test_log_is_written_whole_gone_on_with_and_read_back(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
     with h5py.File(path) as file:
         assert file["touch/00000/stage_place"].attrs["unit"] == "m"
+
+
+@pytest.mark.parametrize("text", ["", "spoilt", "[]", "[" * 100_000])
+def test_spoilt_files_of_a_log_that_was_begun_are_named(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    writer = LogWriter(path, {})
+    begun, touch = tmp_path / "log.h5.parts" / "log.json", tmp_path / "log.h5.parts" / "00000.h5"
+    touch.write_text(text)
+    with pytest.raises(InputError, match=rf"{touch}: cannot be read .*: remove it, and it is collected again"):
+        writer.touches()
+    begun.write_text(text)
+    with pytest.raises(InputError, match=rf"{begun}: cannot be read .*: begin a new log in another place"):
+        LogWriter(path, {})
 
 
 @pytest.mark.parametrize(

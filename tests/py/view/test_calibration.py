@@ -7,8 +7,9 @@ import contextlib
 import errno
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import aiohttp
@@ -91,6 +92,10 @@ def test_of_two_browsers_that_choose_at_once_one_is_heard(monkeypatch: pytest.Mo
     [
         (OSError(errno.ENOSPC, "No space left on device", "/x/00001.h5"),
          "/x/00001.h5: No space left on device: make room, then continue."),
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), "{folder}: Disk quota exceeded: make room, then continue."),
+        (PermissionError(errno.EACCES, "Permission denied", "/x/00001.h5"), "/x/00001.h5: Permission denied."),
+        (OSError("Unable to open file (file signature not found)"),
+         "{folder}: Unable to open file (file signature not found)."),
         (NoDeviceError("the line was lost"), "the line was lost."),
         (InputError("is it plugged in?"), "is it plugged in?"),
         (ZeroDivisionError("0"), "this is a fault of ruffini (ZeroDivisionError('0'))."),
@@ -105,8 +110,8 @@ def test_what_ends_the_presses_is_said_with_where_they_are_kept(
 
     monkeypatch.setattr(ScaleCalibration, "run", fail)
     state = run(Calibration(gone, None), "open")
-    assert state["text"] == f"{sentence} The presses are kept in {tmp_path}."
-    assert words(state) == ["continue", "close"]
+    assert state["text"] == f"{sentence.format(folder=tmp_path)} The presses are kept in {tmp_path}."
+    assert words(state) == ["continue", "open", "close"]
 
 
 def at_step(
@@ -142,8 +147,16 @@ def test_a_flash_that_is_refused_leaves_the_report_there(monkeypatch: pytest.Mon
     ("grams", "presses", "ball", "wanted"),
     [
         ("50, 100, 200", "20", "", ((50.0, 100.0, 200.0), 20, None)),
-        ("50,100 200;5", " 1 ", "6.35 mm", ((50.0, 100.0, 200.0, 5.0), 1, 6.35)),
-        ("50,5", "200", "6,35", ((50.5, ), 200, 6.35)),
+        ("50.5 100,5;5", " 1 ", "6.35 mm", ((50.5, 100.5, 5.0), 1, 6.35)),
+        ("20,5,10", "200", "6,35", ((20.0, 5.0, 10.0), 200, 6.35)),
+        ("12,25", "1", "", ((12.0, 25.0), 1, None)),
+        ("20,5, 10", "1", "", ((20.5, 10.0), 1, None)),
+        ("20,5;10 ; 7", "1", "", ((20.5, 10.0, 7.0), 1, None)),
+        ("50 g, 100 g", "1", "", ((50.0, 100.0), 1, None)),
+        ("50g,100g", "1", "", ((50.0, 100.0), 1, None)),
+        ("50 , 100,", "1", "", ((50.0, 100.0), 1, None)),
+        ("50,100,", "1", "", ((50.0, 100.0), 1, None)),
+        ("203.5 g", "1", "", ((203.5, ), 1, None)),
     ],
 )  # fmt: skip
 def test_a_form_is_read_as_people_fill_it_in(grams: str, presses: str, ball: str, wanted: Any) -> None:
@@ -155,6 +168,8 @@ def test_a_form_is_read_as_people_fill_it_in(grams: str, presses: str, ball: str
     [
         ({}, "weights: give one at least"),
         ({"grams": "x", "presses": "3"}, "'x' is no weight in grams"),
+        ({"grams": "50 kg", "presses": "3"}, "'kg' is no weight in grams"),
+        ({"grams": "50 gr, 7", "presses": "3"}, "'gr' is no weight in grams"),
         ({"grams": "nan", "presses": "3"}, "'nan' is no weight in grams"),
         ({"grams": "50"}, "'' is no number of presses: give 1 to 200"),
         ({"grams": "50", "presses": "0"}, "'0' is no number of presses"),
@@ -170,7 +185,7 @@ def test_what_makes_no_sense_is_named(fields: dict[str, str], sentence: str) -> 
 
 def test_a_plan_is_read_back_and_counts_what_is_there(tmp_path: Path) -> None:
     presses = (ScalePress(0.001, -0.002, 50.0), ScalePress(1 / 3000, 0.002, 100.0))
-    kept = Plan(6.35, "/dev/hidraw0", (50.0, 100.0), (presses, presses[:1]))
+    kept = Plan(6.35, "/dev/hidraw0", (50.0, 100.0), (presses, presses[:1]), "5f")
     kept.write(tmp_path)
     assert Plan.read(tmp_path) == kept
     (tmp_path / "presses-1.h5").touch()
@@ -180,11 +195,104 @@ def test_a_plan_is_read_back_and_counts_what_is_there(tmp_path: Path) -> None:
     assert kept.n_done(tmp_path) == 3
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", "[1, 2, 3, 4]", "[null, '', [1], [[[1, 2]]]]"])
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[1]", "[1, 2, 3, 4]", '[null, "", [1], [[[1, 2, 3]]]]', '[null, "", [1], [[[1, 2]]], ""]']
+)
 def test_a_spoilt_plan_is_refused_in_a_sentence(text: str, tmp_path: Path) -> None:
     (tmp_path / "settings.json").write_text(text)
     with pytest.raises(RuffiniError, match="begin a new calibration"):
         Plan.read(tmp_path)
+
+
+def sensor_with(
+    sha256: bytes = b"", *, key_ids: Sequence[str] = (), flash: Callable[..., None] | None = None
+) -> Callable[[], contextlib.AbstractContextManager[Connection]]:
+    """Lends a gelslim with this calibration in force; it can be looked at, no more."""
+    calibration = SimpleNamespace(present=bool(sha256), sha256=sha256)
+    described = SimpleNamespace(board_toml=find_board("gelslim").text, calibration=calibration)
+    hello = SimpleNamespace(sensors=[described], key_ids=key_ids)
+    sensor: Any = SimpleNamespace(hello=hello, port="/dev/pts/7", serial_number="7", flash=flash)
+    return lambda: contextlib.nullcontext(sensor)
+
+
+def test_a_spoilt_plan_does_not_stand_in_the_way_of_a_new_one(tmp_path: Path) -> None:
+    path = tmp_path / "20260101T000000Z" / "settings.json"
+    path.parent.mkdir()
+    path.write_text("spoilt")
+    state = run(Calibration(sensor_with(), tmp_path), "open")
+    assert (state["phase"], state["is_bad"], words(state)) == ("offer", True, ["begin", "close"])
+    assert re.match(rf"{path}: cannot be read .*: begin a new calibration\. Lay the sensor", state["text"])
+    assert [one["name"] for one in state["fields"]] == ["grams", "presses", "ball", "scale"]
+
+
+def test_a_scale_that_cannot_be_opened_leaves_the_form_and_nothing_else(tmp_path: Path) -> None:
+    calibration = Calibration(sensor_with(b"\1"), tmp_path / "calibrations")
+    run(calibration, "open")
+    state = run(calibration, "begin", grams="50", presses="3", scale="/dev/hidraw999")
+    assert (state["phase"], state["is_bad"]) == ("offer", True)
+    assert state["text"].startswith("/dev/hidraw999 cannot be opened")
+    assert [one["value"] for one in state["fields"]] == ["50", "3", "", "/dev/hidraw999"]
+    assert not (tmp_path / "calibrations").exists()
+
+
+@pytest.mark.parametrize("text", ["spoilt", "[]", "{}", '{"worst": [{"x_m": 0}]}', '{"worst": 7}'])
+def test_a_spoilt_report_is_named_and_made_again(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.json"
+    assert scale_calibration._worst_of(path) == []
+    path.write_text(text)
+    with pytest.raises(InputError, match=rf"{path}: cannot be read .*: Continue makes it again"):
+        scale_calibration._worst_of(path)
+    path.write_text('{"worst": [{"x_m": 0.001, "y_m": 0, "grams": 50, "told": "press", "error_n": 1}]}')
+    assert scale_calibration._worst_of(path) == [ScalePress(0.001, 0.0, 50.0)]
+
+
+@pytest.mark.parametrize(("before", "now"), [("", b"\1"), ("01", b"\2"), ("01", b"")])
+def test_presses_under_two_calibrations_are_never_mixed(before: str, now: bytes, tmp_path: Path) -> None:
+    folder = tmp_path / "20260101T000000Z"
+    kept = Plan(None, "", (50.0,), ((ScalePress(0.0, 0.0, 50.0),),), before)
+    kept.write(folder)
+    calibration = Calibration(sensor_with(now), tmp_path)
+    state = run(calibration, "open")
+    assert (state["phase"], state["is_bad"]) == ("offer", True)
+    assert words(state) == ["begin", "undo", "close"]
+    assert "0 of 1 presses are kept in" in state["text"]
+    assert "begin a new calibration, or put the former back with Undo" in state["text"]
+    same = Calibration(sensor_with(bytes.fromhex(before)), tmp_path)
+    assert words(run(same, "open"))[0] == "continue"
+    same._borrow = same._work.borrow = sensor_with(now)  # type: ignore[union-attr]  # flashed by another program
+    state = run(same, "continue")
+    assert state["text"].startswith("these presses were begun with another calibration in force than now")
+    assert words(state) == ["continue", "open", "close"]
+    assert words(run(same, "open"))[0] == "begin"
+
+
+def test_presses_that_are_all_there_are_fitted_whatever_is_in_force(tmp_path: Path) -> None:
+    folder = tmp_path / "20260101T000000Z"
+    Plan(None, "", (50.0,), ((ScalePress(0.0, 0.0, 50.0),),), "01").write(folder)
+    (folder / "presses-1.h5").touch()
+    assert words(run(Calibration(sensor_with(b"\2"), tmp_path), "open"))[0] == "continue"
+
+
+@pytest.mark.parametrize(("key_ids", "is_named"), [(["12ab34cd"], True), ([], False)])
+def test_a_refused_flash_of_a_sensor_with_owners_says_how_they_flash(
+    key_ids: list[str], is_named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise RefusedError("no key of this sensor signed it")
+
+    file = SimpleNamespace(data=b"", sha256=b"")
+    for name in ("container.read", "container.check_board", "check_gates"):
+        monkeypatch.setattr(f"ruffini.view.scale_calibration.{name}", lambda *_, **__: file)
+    calibration = Calibration(sensor_with(key_ids=key_ids, flash=refuse), tmp_path)
+    run(calibration, "open")
+    assert calibration._work is not None
+    calibration._work.current = tmp_path
+    calibration._show(scale_calibration.Step("report", "Passes", choices=(scale_calibration.FLASH,), has_report=True))
+    state = run(calibration, "flash")
+    assert (state["phase"], words(state)) == ("report", ["flash"])
+    command = f"`ruffini cal flash {tmp_path}/calibration.safetensors --key NAME`"
+    assert state["text"].startswith("no key of this sensor signed it")
+    assert (command in state["text"]) == is_named
 
 
 def test_boards_that_a_scale_cannot_calibrate_say_so() -> None:

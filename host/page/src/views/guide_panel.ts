@@ -2,6 +2,7 @@
 
 import type { SensorInfo } from "../board";
 import { type Guide, largestGap, type Load, type Quality, type Step } from "../guide";
+import { enterOf } from "../keys";
 import { button, make } from "./dom";
 import { text } from "./units";
 
@@ -125,7 +126,8 @@ export class GuidePanel {
     if (number === this.stepNumber) return;
     this.stepNumber = number;
     this.form.replaceChildren(...(step?.fields ?? []).map((field) => make("label", {}, `${field.label} `, make("input", { type: "text", name: field.name, value: field.value, size: "18", maxlength: "100", autocomplete: "off" }), ` ${field.unit}`)));
-    this.choices.replaceChildren(...(step?.choices ?? []).map((c, i) => button(c.label, i === 0 ? "Enter" : "", c.hint, () => this.choose(c.word))));
+    const entered = step && enterOf(step);
+    this.choices.replaceChildren(...(step?.choices ?? []).map((c) => button(c.label, c.word === entered ? "Enter" : "", c.hint, () => this.choose(c.word))));
     this.gateTable.hidden = !step?.gates.length;
     this.gates.replaceChildren(
       ...(step?.gates ?? []).map(({ name, ok, text: what, remedy }) => {

@@ -39,6 +39,7 @@ from ruffini.estimators.operator.judge import (
     judged,
 )
 from ruffini.fem.operators import Noise
+from ruffini.rig.units import GRAVITY_M_S2
 
 Array = npt.NDArray[np.float64]
 
@@ -196,9 +197,16 @@ def _worst(log: TouchLog, now: Judged) -> list[dict[str, Any]]:
     if len(facts) != log.n_touches:  # a touch without a frame that counts
         return []
     error_n = np.linalg.norm(np.nan_to_num(by_touch(log, now.wrench - log.wrench)[:, :3]), axis=1)
-    rows = [{"told": facts[i]["told"], **{name: facts[i][name] for name in ("x_m", "y_m", "grams")},
-             "error_n": float(error_n[i])} for i in np.argsort(-error_n) if "grams" in facts[i]]  # fmt: skip
+    rows = [{"told": facts[i]["told"], "x_m": facts[i]["x_m"], "y_m": facts[i]["y_m"], "grams": grams,
+             "error_n": float(error_n[i])} for i in np.argsort(-error_n) if (grams := _grams(facts[i]))]  # fmt: skip
     return rows[:N_WORST]
+
+
+def _grams(facts: dict[str, Any]) -> float | None:
+    """That a press by hand was asked for; None of a bench's touch."""
+    if facts.get("kind") == "hand":  # by a reference that is read without a person
+        return round(1e3 * float(facts["force_n"]) / GRAVITY_M_S2, 6)  # so that grams that became newtons are the same
+    return facts.get("grams")
 
 
 def _ranges(board: Board, log: TouchLog) -> dict[str, Any]:
