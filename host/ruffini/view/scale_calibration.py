@@ -458,7 +458,7 @@ def asked_for(fields: Fields) -> tuple[tuple[float, ...], int, float | None]:
 
     White space, `;`, and a comma before white space separate weights. A comma between digits is a decimal comma where
     something else separates, and separates where nothing else does: "20,5, 10" is 20.5 and 10, but "12,25" is 12 and
-    25, and "20,5" is 20 and 5. Each weight may end in g.
+    25, and "20,5" is 20 and 5. Before three digits it always separates. Each weight may end in g.
 
     Raises
     ------
@@ -466,6 +466,7 @@ def asked_for(fields: Fields) -> tuple[tuple[float, ...], int, float | None]:
         One of them makes no sense; the text names it.
     """
     typed = re.sub(r"(?<=\d)\s*g(?![^;,\s])", "", fields.get("grams", "")).strip().rstrip(",; ")
+    typed = re.sub(r",(?=\d{3}(?!\d))", "; ", typed)
     pieces = re.split(r"\s*[;\s],?\s*|,\s+", typed)
     pieces = [piece for piece in (pieces if len(pieces) > 1 else typed.split(",")) if piece]
     if not pieces:

@@ -156,6 +156,7 @@ def test_a_flash_that_is_refused_leaves_the_report_there(monkeypatch: pytest.Mon
         ("50g,100g", "1", "", ((50.0, 100.0), 1, None)),
         ("50 , 100,", "1", "", ((50.0, 100.0), 1, None)),
         ("50,100,", "1", "", ((50.0, 100.0), 1, None)),
+        ("50,100, 200", "1", "", ((50.0, 100.0, 200.0), 1, None)),
         ("203.5 g", "1", "", ((203.5, ), 1, None)),
     ],
 )  # fmt: skip
