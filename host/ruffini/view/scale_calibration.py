@@ -59,7 +59,7 @@ BEGIN = Choice("begin", "Begin", "begin a new calibration")
 GO_ON = Choice("continue", "Continue", "go on with the presses that are kept")
 MORE = Choice("more", f"Press {N_MORE} more", "the worst presses again, and more places")
 FLASH = Choice("flash", "Flash it", "put this calibration in force on the sensor")
-ANEW = OPEN._replace(label="New calibration", hint="leave these presses, and show the form of a new calibration")
+NEW = OPEN._replace(label="New calibration", hint="leave these presses, and show the form of a new calibration")
 UNDO = Choice("undo", "Undo", "put the calibration in force that was before; once more takes that back")
 WHAT_IT_TAKES = (
     "Lay the sensor on a kitchen scale, pad up, and set the scale to zero. You press with something blunt, or with a "
@@ -192,7 +192,7 @@ class ScaleCalibration:
 
     def after_failure(self, why: str) -> Step:
         """The presses that are kept, and how to go on with them."""
-        choices = (GO_ON, MORE, ANEW, CLOSE) if self._is_pressed() else (GO_ON, ANEW, CLOSE)
+        choices = (GO_ON, MORE, NEW, CLOSE) if self._is_pressed() else (GO_ON, NEW, CLOSE)
         kept = f"{why} The presses are kept in {self.current}."
         return Step("ended", "It has ended", kept, is_bad=True, choices=choices)
 
