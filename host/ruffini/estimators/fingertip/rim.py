@@ -15,7 +15,7 @@ AT_REST_PX = np.array([0.12, 0.06])  # shift and zoom that are allowed without a
 LEAST_PX = np.array([1.2, 0.6])  # at the largest force; the default of the firmware
 LEAST_LOAD = 0.2  # of the largest force: at less a small motion of the camera would count as a large one under load
 PART_OF_FRAMES = 0.98  # whose motion is allowed: a camera that moved in one press teaches nothing
-MARGIN = 1.5  # over them
+MARGIN = 1.25  # over them
 MOST_PX = 6.0  # whatever the presses do
 
 

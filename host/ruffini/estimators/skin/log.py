@@ -107,7 +107,7 @@ def untouched_of(log: Log, name: str, board: Board) -> Array:
             total += picture
             n += 1
     if not n:
-        raise InputError(f"{name} holds no pictures of a press: collect it again: the sensor sends them by itself")
+        raise InputError(f"{name} holds no pictures of a press: collect the log again with `ruffini cal collect`")
     return total / n
 
 
