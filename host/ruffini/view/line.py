@@ -230,5 +230,5 @@ class SharedLine(Line):
             # A zero byte first: what was lost may have been the end of a frame.
             data = b"\0" + encode_message(type_, payload, sensor=255, sequence=self._sequence)
             self._sequence += 1
-            with contextlib.suppress(OSError, TypeError):  # the reading thread sees it, too; TypeError: closed meanwhile
+            with contextlib.suppress(OSError, TypeError):  # lost or closed meanwhile: the reading thread sees it, too
                 await asyncio.to_thread(self._serial.write, data)

@@ -111,6 +111,18 @@ def test_features_of_a_gel_without_markers_and_the_axes_that_it_measures(tmp_pat
         read_feature_runs([path], board)
 
 
+def test_what_pressed_is_the_tip_and_not_the_log(tmp_path: Path) -> None:
+    """Five logs of one ball are one kind of contact; of a tip that nobody named each log may be another."""
+    ball, cone = {"shape": "sphere", "radius_m": 3e-3}, {"shape": "cone", "radius_m": 3e-3}
+    kinds = []
+    for i, tip in enumerate((ball, dict(reversed(ball.items())), cone, None, None)):
+        path = tmp_path / f"{i}.h5"
+        write_log(path, Log({"board": "digit-tactile", "tip": tip}, [of_a_picture((5.25, 5.45))], {}))
+        kinds += [run.kind for run in read_feature_runs([path], find_board("digit-tactile"))]
+    assert kinds[0] == kinds[1]
+    assert len(set(kinds)) == 4
+
+
 def test_a_typed_reading_counts_once_and_only_while_it_is_held(tmp_path: Path) -> None:
     """The scale's number is right in the frames 3 and 4 and says nothing of the way there."""
     wrench = np.full((N, 6), np.nan)

@@ -18,6 +18,7 @@ from ruffini.estimators.fingertip import fit as fingertip
 from ruffini.estimators.fingertip.field import field_of
 from ruffini.estimators.fingertip.fit import Bench, Eyes, ModeFit, Pins, Scale, fit_fingertip, labels_of, told_by
 from ruffini.estimators.fingertip.presses import FACES, Press, face_area, read_press, told_of
+from ruffini.estimators.fingertip.rim import LEAST_PX
 from ruffini.estimators.fingertip.tables import calibration
 from ruffini.estimators.fingertip.turns import Samples, turned
 from ruffini.sim.indenters.outline import OUTLINES
@@ -221,6 +222,9 @@ def test_the_core_says_what_was_fitted(
 
     monkeypatch.setattr(fingertip, "_fit_mode", fit_mode)
     fit = fit_fingertip(BOARD, tmp_path, 10.0, lambda _: None)
+    rim = calibration(BOARD, fit).tensors["fingertip.rim"]
+    np.testing.assert_array_equal(rim, np.round(65536 * np.array(fit.report["rim_px"])))  # px Q16
+    assert (rim >= np.round(65536 * LEAST_PX)).all()
     off = fit.report["mean_error_of_presses_left_out"]["both"]
     assert off["way_mm"] < 0.4  # of 0.25 to 2 mm
     assert off["roll_deg"] < 8  # of -35 to 35
