@@ -71,8 +71,8 @@ LOADED_PART = 0.1  # likewise: something does
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
 ONE_SIGMA = 0.6827
 LEAST_KINDS = 5  # kinds of contact: their errors left out tell what another kind differs by
-# Of a force, one sigma, where they do not. wedge-load-cell (real), fitted to balls: other objects err by 0.30 to 0.36 in
-# the median and 0.48 to 0.55 at the 90th percentile; 51 to 63 and 89 to 93 % are then within one and two sigma.
+# Of a force, one sigma, where they do not. wedge-load-cell (real), fitted to balls: other objects err by 0.30 to 0.36
+# (median), 0.48 to 0.55 (90th percentile); 51 to 63 and 89 to 93 % are then within one and two sigma.
 OTHER_KIND = 0.5
 TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
 
