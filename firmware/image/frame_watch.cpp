@@ -87,12 +87,17 @@ FrameWatch::Defects FrameWatch::run(const FrameView& frame) {
   }
   add_columns(frame);
   const int64_t n_pixels = std::ssize(at_) * ((frame.height + kLampRows - 1) / kLampRows);
-  Defects defects{.is_broken = is_broken() || has_broken_column(), .is_light_wrong = false};
+  Defects defects{.is_broken = is_broken() || has_broken_column()};
+  int64_t all = 0;
+  int64_t rest_all = 0;
   for (size_t c = 0; c < 3; ++c) {
     const bool has_lamp = rest_channel_[c] > kMinLampLevel * n_pixels;
     const bool is_off = 2 * channel[c] < rest_channel_[c] || channel[c] > 2 * rest_channel_[c];
     defects.is_light_wrong = defects.is_light_wrong || (has_lamp && is_off);
+    all += channel[c];
+    rest_all += rest_channel_[c];
   }
+  defects.is_level_off = 4 * std::abs(all - rest_all) > rest_all;
   return defects;
 }
 

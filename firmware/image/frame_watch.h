@@ -8,6 +8,8 @@
 //             previous one by more than half of rest and 8 grey levels (a column or a side is missing; presses on the
 //             twin reach 0.47 of that)
 //   lamp off: the mean of a channel is below half or above twice that of rest
+//   level off: the mean of all channels differs from rest by more than a quarter. A press on a fingertip changes it by at
+//             most 1 % on the twin; an offset of 26 grey levels, which moves the pins' centroids, by 58 %
 //
 // The samples are 12 to 20 px apart without a period, so that rows of dots do not align with them.
 //
@@ -28,6 +30,7 @@ class FrameWatch {
   struct Defects {
     bool is_broken = false;
     bool is_light_wrong = false;
+    bool is_level_off = false;
   };
 
   FrameWatch(int width_px, int height_px);

@@ -16,6 +16,7 @@ constexpr uint32_t kBlack = 2;
 constexpr uint32_t kWhite = 253;
 constexpr uint16_t kUsableLow = 16 * 16;
 constexpr uint16_t kUsableHigh = 16 * 240;
+constexpr int64_t kMissingPercent = 70;
 constexpr size_t kFewest = 24;
 constexpr int32_t kOffQ12 = 33;   // 0.8 %
 constexpr int64_t kAgainst = 20;  // maximum ratio of the medians' sum to their difference
@@ -93,8 +94,24 @@ void PixelStatistics::add_window(const FrameView& frame, size_t window, Ties& ti
   ties.n += n;
 }
 
+int64_t PixelStatistics::colour_of(const FrameView& frame) const {
+  int colour = 0;
+  for (const Window& window : windows_) {
+    for (int row = 0; row < kHigh; ++row) {
+      const uint8_t* pixel = frame.row(window.y + row) + ptrdiff_t{3} * window.x;
+      for (int x = 1; x < kWide; ++x, pixel += 3) {
+        const int green = pixel[4] - pixel[1];
+        colour += std::abs(pixel[3] - pixel[0] - green) + std::abs(pixel[5] - pixel[2] - green);
+      }
+    }
+  }
+  return colour;
+}
+
 void PixelStatistics::add_rest(const FrameView& frame) {
   for (size_t i = 0; i < windows_.size(); ++i) add_window(frame, i, rest_ties_);
+  rest_colour_ += colour_of(frame);
+  ++n_rest_;
 }
 
 void PixelStatistics::learn(std::span<const uint16_t> rest) {
@@ -153,13 +170,17 @@ bool PixelStatistics::is_off_curve(const Rest::Gain& gain) {
   return (is_more && -kAgainst * apart > both) || (is_less && kAgainst * apart > -both);
 }
 
+bool PixelStatistics::is_coarse(const Ties& now, int64_t colour) const {
+  // now > 1.2 rest + 0.01, as shares.
+  const bool has_lost_bits = rest_ties_.n > 0 && now.n > 0 &&
+                             100 * now.n_equal * rest_ties_.n > (120 * rest_ties_.n_equal + rest_ties_.n) * now.n;
+  return has_lost_bits || 100 * colour * n_rest_ < kMissingPercent * rest_colour_;
+}
+
 PixelStatistics::Defects PixelStatistics::run(const FrameView& frame, const Rest::Gain& gain) {
   Ties now;
   for (size_t i = 0; i < windows_.size(); ++i) add_window(frame, i, now);
-  // now > 1.2 rest + 0.01, as shares.
-  const bool is_coarse = rest_ties_.n > 0 && now.n > 0 &&
-                         100 * now.n_equal * rest_ties_.n > (120 * rest_ties_.n_equal + rest_ties_.n) * now.n;
-  return {.is_coarse = is_coarse, .is_off_curve = has_levels_ && is_off_curve(gain)};
+  return {.is_coarse = is_coarse(now, colour_of(frame)), .is_off_curve = has_levels_ && is_off_curve(gain)};
 }
 
 }  // namespace ruffini

@@ -36,9 +36,14 @@ class Mirror:
         counts = (here[:, :, 1:] > 2) & (here[:, :, 1:] < 253)
         return int((counts & (here[:, :, 1:] == here[:, :, :-1])).sum()), int(counts.sum())
 
+    def colour(self, picture: npt.NDArray[np.uint8]) -> int:
+        step = np.diff(self.windows(picture), axis=2)
+        return int(np.abs(step[..., [0, 2]] - step[..., [1]]).sum())
+
     def learn(self, rest: npt.NDArray[np.uint16], frames: npt.NDArray[np.uint8]) -> None:
         ties = [self.ties(frame) for frame in frames]
         self.rest_ties = sum(t[0] for t in ties), sum(t[1] for t in ties)
+        self.rest_colour, self.n_rest = sum(map(self.colour, frames)), len(frames)
         here = self.windows(rest)
         low, high = here.min(axis=(1, 2)), here.max(axis=(1, 2))
         is_usable = (low >= 256) & (high <= 3840) & (4 * low >= 3 * high)
@@ -57,6 +62,7 @@ class Mirror:
         n_equal, n = self.ties(picture)
         was_equal, was = self.rest_ties
         coarse = was > 0 and n > 0 and 100 * n_equal * was > (120 * was_equal + was) * n
+        coarse |= 100 * self.colour(picture) * self.n_rest < 70 * self.rest_colour
         off, apart = [], 0
         sums = self.windows(picture).sum(axis=(1, 2))
         for c in range(3) if self.has_levels else ():
@@ -91,6 +97,8 @@ def test_the_verdicts_are_the_mirrors() -> None:
         for _ in range(12):
             curve = 255 * (np.clip(picture(), 0, 255) / 255) ** (1 + rng.choice([0.0, 0.01, 0.03]) * rng.normal())
             bright = curve * (1 + rng.choice([0.0, 0.02]) * rng.normal()) + rng.choice([0.0, 1.0, 4.0]) * rng.normal()
+            grey = bright.mean(axis=2, keepdims=True)
+            bright = grey + rng.choice([1.0, 1.0, rng.uniform(0.4, 1)]) * (bright - grey)  # colours lost
             levels, n_lost = np.clip(np.round(bright), 0, 255).astype(np.uint8), int(rng.integers(3))
             shown.append((levels >> n_lost) << n_lost)
         pictures, out = np.array(shown), np.zeros(len(shown), np.int32)

@@ -27,7 +27,7 @@ from ruffini.rig.frame_clock import FrameClock
 from ruffini.sim.unit import TwinUnit
 from ruffini.view.calibrating_line import CalibratingLine
 
-FASTER = 3.0  # than real
+FASTER = 12.0  # than real
 SETTLED_FRAMES = 5
 MOST_ROUNDS = 3  # of presses after the first
 JUDGED = ((70.0, "x +1.5, y -1.0 mm"), (110.0, "x -2.0, y +1.5 mm"), (160.0, "x +0.5, y +0.5 mm"))  # never fitted

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <numeric>
 #include <random>
 
 #include "support/dot_picture.h"
@@ -102,6 +103,16 @@ TEST_F(FrameWatchTest, AChannelWithoutItsLampIsSeenAndAFewPercentAreNot) {
       const Verdict seen = see(pixels);
       EXPECT_EQ(seen.is_light_wrong, percent < 50 || percent > 200) << c << " " << percent;
     }
+  }
+}
+
+TEST_F(FrameWatchTest, AnOffsetOfAllLevelsIsSeenAndNoiseIsNot) {
+  const Pixels rest = picture(7);
+  const int mean = static_cast<int>(std::accumulate(rest.begin(), rest.end(), int64_t{0}) / std::ssize(rest));
+  for (const int percent : {-40, -20, 0, 20, 40}) {
+    Pixels pixels = rest;
+    for (uint8_t& level : pixels) level = static_cast<uint8_t>(std::clamp(level + mean * percent / 100, 0, 255));
+    EXPECT_EQ(see(pixels).is_level_off, std::abs(percent) > 25) << percent;
   }
 }
 
