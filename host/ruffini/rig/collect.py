@@ -63,19 +63,20 @@ def collect(
     NoDeviceError
         Stage, sensor or reference was lost; likewise.
     InputError
-        The reference uses another unit, or its axes are swapped.
+        The reference uses another unit, or its axes are swapped; another program collects into the same log.
     """
     kept = log.touches()
     open_items = [(i, item) for i, item in enumerate(plan) if i not in kept]
     n_redone = 0
     bench.guide.begin(plan, list(kept))
-    with bench.safely():
-        if open_items:
-            _recall(bench, kept)
-            checks = preflight(bench, known_grams)
-            write_whole(log.side_file(CHECKS), json.dumps(checks).encode())
-            n_redone = _each(bench, open_items, len(plan), log, tell)
-    finish(log, bench)
+    with log.locked():
+        with bench.safely():
+            if open_items:
+                _recall(bench, kept)
+                checks = preflight(bench, known_grams)
+                write_whole(log.side_file(CHECKS), json.dumps(checks).encode())
+                n_redone = _each(bench, open_items, len(plan), log, tell)
+        finish(log, bench)
     return n_redone
 
 

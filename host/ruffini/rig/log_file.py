@@ -6,9 +6,11 @@ collected can be lost; the log is made of them at the end.
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -84,6 +86,16 @@ class LogWriter:
                 )
         else:
             write_whole(begun, json.dumps(facts, indent=1).encode())
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other programs from collecting into this log. Raises InputError where one does."""
+        with (self._folder / "log.json").open("rb") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise InputError(f"{self._folder}: another program collects into it now: give another --out") from error
+            yield
 
     def done(self) -> set[int]:
         """Numbers of the touches that are there."""

@@ -162,6 +162,14 @@ def test_log_is_written_whole_gone_on_with_and_read_back(tmp_path):
         assert file["touch/00000/stage_place"].attrs["unit"] == "m"
 
 
+def test_two_programs_do_not_collect_into_one_log(tmp_path: Path) -> None:
+    first, second = LogWriter(tmp_path / "log.h5", {}), LogWriter(tmp_path / "log.h5", {})
+    with first.locked(), pytest.raises(InputError, match="another program collects into it now"), second.locked():
+        pass
+    with second.locked():
+        pass
+
+
 @pytest.mark.parametrize("text", ["", "spoilt", "[]", "[" * 100_000])
 def test_spoilt_files_of_a_log_that_was_begun_are_named(text: str, tmp_path: Path) -> None:
     path = tmp_path / "log.h5"
