@@ -49,8 +49,8 @@ run: setup  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the d
 
 # Test modules run longest first, by what each took last time; each stays with one worker, whose fixtures it shares.
 # Bytecode is kept also where the environment forbids it: pytest's own of the tests takes six seconds in every worker.
-# A worker waits a third of its time for daemons, pages and shells, so one worker more than cores keeps the cores busy.
-PYTEST = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $$(($(JOBS) + 1)) \
+# A worker waits a third of its time for daemons, pages and shells, so two workers more than cores keep the cores busy.
+PYTEST = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $$(($(JOBS) + 2)) \
   --dist loadfile --no-loadscope-reorder --durations 10 --durations-min 1
 ONLY ?=
 ifdef ONLY
