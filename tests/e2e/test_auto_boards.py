@@ -16,7 +16,6 @@ from ruffini.boards import Board, find_board
 from ruffini.calibrate.auto.fingertip import eyes_apart_mm
 from ruffini.calibrate.gates import MIN_PRESSES
 from ruffini.cli.auto import simulated_site
-from ruffini.errors import InputError
 from ruffini.estimators.table import task_of
 from ruffini.estimators.task import Turned
 from ruffini.estimators.wrench.log import read_feature_runs
@@ -25,14 +24,12 @@ from ruffini.rig.log_file import LogWriter, read_log
 from ruffini.rig.program import BY_STAGE
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
-from ruffini.sim.settings import load_twin
 
 SLOW = {"eltac"}  # half a second a picture of a tube: a minute of processor time
 BOARDS = [
     pytest.param(name, marks=pytest.mark.long if name in SLOW else ())
     for name in sorted(path.parent.name for path in (ROOT / "boards").glob("*/board.toml"))
 ]
-NO_TWIN = {"gelsight-wedge"}  # known by recordings alone
 COARSE = "cells_x = 10\ncells_y = 8"
 LEAST_N = 0.1
 
@@ -49,10 +46,6 @@ def coarse(name: str, folder: Path) -> Board:
 
 @pytest.mark.parametrize("name", BOARDS)
 def test_what_a_boards_estimator_presses_is_collected_or_refused_in_one_sentence(name: str, tmp_path: Path) -> None:
-    if name in NO_TWIN:
-        with pytest.raises(InputError, match="twin"):
-            load_twin(find_board(name))
-        return
     board = coarse(name, tmp_path)
     task = task_of(board)
     if isinstance(task, Turned):  # played whole in tests/py/auto

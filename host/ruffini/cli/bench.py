@@ -127,22 +127,55 @@ def health(
 
 
 def presses(
-    folder: Annotated[Path, typer.Argument(help="Recorded ball presses: reference.png, presses.csv, images.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Ball presses (reference.png, presses.csv, images); with --board videos.")
+    ],
     ball_mm: Annotated[
         float | None, typer.Option(help="Diameter of the ball, where presses.toml does not say.")
     ] = None,
     px_per_mm: Annotated[float | None, typer.Option(help="Scale, where presses.toml does not say.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Picture (PNG): recorded above, rendered below.")] = None,
+    board: Annotated[
+        str | None, typer.Option("--board", help="Board that took videos, with FOLDER.videos.toml in its folder.")
+    ] = None,
+    object_: Annotated[
+        str | None, typer.Option("--object", help="With --board: which object is a rigid ball, of --ball-mm.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Picture (PNG): recorded and rendered.")] = None,
     json_: JsonFlag = False,
 ) -> None:
-    """The twin's picture of a ball press beside recorded ones: lamps fitted on half of them, judged on the others."""
+    """The twin's pictures beside recorded ones: ball presses, lamps fitted on half of them, or a board's videos."""
     note("bench presses ...")
+    if board is not None:
+        _videos(folder, board, object_, ball_mm, out, json_)
+        return
     from ruffini.bench import presses as comparison
     from ruffini.estimators.photometric.presses import load_presses
 
     recorded = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm)
     with progress_bar("presses") as progress:
         result, text = comparison.run(recorded, out, progress)
+    emit(result, json_, text)
+
+
+def _videos(
+    folder: Path, board: str, object_: str | None, ball_mm: float | None, out: Path | None, json_: bool
+) -> None:
+    """`bench presses --board`."""
+    from ruffini.bench import video_presses
+    from ruffini.boards import find_board
+    from ruffini.calibrate.log.videos import VideoColumns
+    from ruffini.sim.unit import TwinUnit
+
+    if object_ is None or ball_mm is None or not ball_mm > 0:
+        raise InputError("--board needs --object NAME and --ball-mm: which object is a rigid ball, and its diameter")
+    found = find_board(board)
+    mapping = (found.folder or Path()) / f"{folder.resolve().name}.videos.toml"
+    if not mapping.is_file():
+        raise InputError(f"{mapping} does not exist: it names the columns of the recordings in {folder}")
+    with progress_bar("videos") as progress:
+        unit = TwinUnit.build(found)
+        columns = VideoColumns.read(mapping)
+        result, text = video_presses.run(folder, found, unit, columns, (object_, ball_mm), out, progress)
     emit(result, json_, text)
 
 

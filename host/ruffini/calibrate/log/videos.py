@@ -246,7 +246,7 @@ def read_video_log(
         if len(left_out):
             remarks.append(f"{video.name}: frames left out, their readings jump or are missing: "
                            f"{', '.join(map(str, left_out))}")  # fmt: skip
-        zero = _zero(readings, min(features))
+        zero = zero_of_rest(readings, min(features))
         if abs(zero) > SAID_ZERO * np.abs(readings.force[used]).max():
             remarks.append(f"{video.name}: the load cell read {zero:.2f} N while rest was learned: "
                            "taken off as its zero")  # fmt: skip
@@ -261,7 +261,7 @@ def read_video_log(
     return VideoLog(runs, remarks)
 
 
-def _zero(readings: Readings, n_rest: int) -> float:
+def zero_of_rest(readings: Readings, n_rest: int) -> float:
     """What the load cell read in the frames in which rest was learned, N."""
     at_rest = readings.force[:n_rest][readings.is_used[:n_rest]]
     return float(np.median(at_rest)) if len(at_rest) else 0.0
