@@ -52,6 +52,17 @@ def test_a_squeezed_translucent_layer_is_darker_by_its_compression_alone(bench):
     np.testing.assert_allclose(ratio, np.exp(-1.0 / (light["darkening_um"] * 1e-3)), atol=0.01)
 
 
+def test_a_dent_in_a_translucent_layer_is_darkest_in_its_middle_and_a_raised_one_is_brighter(bench):
+    """As in recorded pictures: a slope does not shade it, and there is more gel to scatter light where it is raised."""
+    clear = bench("ninedtact", noise=NO_NOISE, sensor=PLAIN_SENSOR)
+    rest = clear.picture().mean(axis=2)
+    dent = clear.picture(clear.dent(0, 0, 1.0, 1.5)).mean(axis=2) / rest - 1
+    row = dent[240, 320:420:10]
+    assert row[0] < -0.12
+    assert (np.diff(row) > -0.01).all()
+    assert (clear.picture(clear.dent(0, 0, -0.5, 3.0)).mean(axis=2) / rest - 1)[240, 320] > 0.05
+
+
 def test_glitter_moves_with_the_surface(bench):
     import cv2
 

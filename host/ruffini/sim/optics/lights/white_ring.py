@@ -1,10 +1,13 @@
 """White lamps evenly spaced on a ring about the camera's axis.
 
-A translucent layer before a black one scatters less light where it is squeezed thin: by Beer and Lambert
-exp(-compression / darkening) of that at rest.
+A translucent layer before a black one scatters less light where it is squeezed thin and more where it is raised: by
+Beer and Lambert exp(-compression / darkening) of that at rest. The light enters through the layer's flat back and comes
+out of its depth, so the slope of its face does not shade it.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,13 +19,15 @@ from ruffini.sim.optics.surface import Hits
 
 def shade(light: WhiteRing, hits: Hits, lamp_gain: Floats, place_mm: Floats) -> Floats:
     """Light of the ring on what the pixels see, (h, w, 3) B G R."""
+    if light.darkening_um:
+        hits = replace(hits, normal=np.broadcast_to(np.float32([0, 0, -1]), hits.normal.shape))
     total = np.zeros(hits.a.shape, dtype=np.float32)
     for place, gain in zip(place_mm, lamp_gain, strict=True):
         if gain > 0:
             total += np.float32(gain) * lamp(hits, place)
     if light.darkening_um:
         inward_mm = np.einsum("...i,...i", hits.displacement, hits.normal)
-        total *= np.exp(-np.maximum(inward_mm, 0) / np.float32(light.darkening_um * 1e-3))
+        total *= np.exp(-inward_mm / np.float32(light.darkening_um * 1e-3))
     return total[..., None] * np.array(light.tint_1e3, dtype=np.float32) * np.float32(1e-3)
 
 
