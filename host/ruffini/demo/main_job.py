@@ -112,7 +112,7 @@ def _stream(board: Board, recording: Path, out: Path, calibration: bytes, truth:
                         run.status = message
                     elif name == "MARKERS":
                         markers = Markers.from_message(message)
-                        run.results[name][markers.frame] = markers
+                        run.results[name][markers.frame] = markers.displacement_px
                     elif name in RESULTS:
                         result = RESULTS[name].from_message(message)
                         if result.flags & stale:  # a busy machine's stall: the last wrench again, marked
@@ -262,7 +262,7 @@ def run_real(board_name: str, out: Path, given: RealInput, *, as_json: bool) -> 
 
 def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: bool) -> None:
     frames = [i for i in run.frames() if i >= board.pipeline.n_rest_frames and i in run.results["MARKERS"]]
-    motion = np.array([run.results["MARKERS"][i].displacement_px for i in frames])
+    motion = np.array([run.results["MARKERS"][i] for i in frames])
     mean = motion.mean(axis=(1, 2))
     shear = np.array([run.results["WRENCH"][i].values[:2] for i in frames])
     begun = np.flatnonzero(np.linalg.norm(motion, axis=-1).mean(axis=(1, 2)) > CONTACT_START_PX)

@@ -16,6 +16,7 @@ AXES = ("x", "y", "z")
 COLOURS = ("#D55E00", "#009E73", "#0072B2")
 PRESSURE_MAP = "cividis"
 CROSS = "#FF4FD8"  # on both ends of that map and on a grey picture
+DARK_LEVEL, FULL_LEVEL = 100, 240  # grey levels: a picture whose brightest hundredth is darker is shown brighter
 ARROW_PX = 28.0  # the longest one
 # Legends stand above the axes, where no curve can run through them.
 ABOVE: dict[str, Any] = {
@@ -100,8 +101,10 @@ def field_over_frame(
 
 
 def _show_frame(axis: Any, frame_bgr: npt.NDArray[np.uint8], title: str) -> None:
-    axis.imshow(frame_bgr[:, :, ::-1])
-    axis.set_title(title)
+    brightest = float(np.percentile(frame_bgr, 99))
+    gain = round(FULL_LEVEL / max(brightest, 1.0)) if brightest < DARK_LEVEL else 1
+    axis.imshow(np.minimum(frame_bgr[:, :, ::-1].astype(int) * gain, 255))
+    axis.set_title(title if gain == 1 else f"{title}, {gain} times brighter")
     axis.set_axis_off()
 
 
@@ -120,24 +123,17 @@ def _seen_by_camera(axis: Any, x_label: str = "x, mm", y_label: str = "y, mm") -
 
 
 class Touched(NamedTuple):
-    """A contact that the sensor reports, millimetres and newtons; the truth where it is known."""
+    """Contacts that the sensor reports beside each other, and their force; NaN: not measured."""
 
-    place_mm: tuple[float, float]
+    places_mm: list[tuple[float, float]]
     force_n: float
-    true_n: float | None = None
+    true_n: float
 
     @property
     def label(self) -> str:
-        """For a person; a force that is not measured is left out."""
-        force = [] if np.isnan(self.force_n) else [f"{self.force_n:.2f} N"]
-        return "\n".join([*force, *([] if self.true_n is None else [f"true {self.true_n:.2f} N"])])
-
-
-class MarkerMotion(NamedTuple):
-    """Where markers rest in the image and how far they have moved, (n, 2) pixels."""
-
-    rest_px: Array
-    moved_px: Array
+        """For a person."""
+        force = "no force" if np.isnan(self.force_n) else f"{self.force_n:.2f} N"
+        return f"{force}\ntrue {self.true_n:.2f} N"
 
 
 def touches_on_body(
@@ -150,10 +146,9 @@ def touches_on_body(
     title: str,
     frame_title: str,
     touches_px: Array | None = None,
-    motion: MarkerMotion | None = None,
     is_unrolled: bool = False,
 ) -> Path:
-    """The camera image with what moved in it, and the reported touches over the true force of the body's nodes.
+    """The camera image with the reported touches, and these over the true force of the body's nodes.
 
     Parameters
     ----------
@@ -167,10 +162,6 @@ def touches_on_body(
     is_wide = frame_bgr.shape[1] > 2 * frame_bgr.shape[0]
     figure, (left, right) = _figure(14.0 if is_wide else 12.5, 4.6, ncols=2, width_ratios=(2, 1) if is_wide else (1, 1))
     _show_frame(left, frame_bgr, frame_title)
-    if motion is not None and (longest := float(np.linalg.norm(motion.moved_px, axis=1).max(initial=0.0))) > 0:
-        strong = np.linalg.norm(motion.moved_px, axis=1) > 0.15 * longest
-        _arrows(left, motion.rest_px[strong], motion.moved_px[strong] * ARROW_PX / longest)
-        left.set_title(f"{frame_title}; marker motion, longest arrow {longest:.1f} px")
     if touches_px is not None:
         left.plot(*touches_px.T, "+", color=CROSS, markersize=18, markeredgewidth=2.5)
     x, y = (np.linspace(-0.5, 0.5, n) * size for n, size in zip(true_force_n.shape[1::-1], size_mm, strict=True))
@@ -178,10 +169,11 @@ def touches_on_body(
     shown = right.pcolormesh(x, y, size, cmap=PRESSURE_MAP, shading="gouraud")
     figure.colorbar(shown, ax=right, label="true force per node (simulated), mN", shrink=0.8)
     for touch in touches:
-        right.plot(*touch.place_mm, "+", color=CROSS, markersize=14, markeredgewidth=2)
-        is_right = touch.place_mm[0] > 0.1 * size_mm[0]  # the label stays inside
-        right.annotate(touch.label, touch.place_mm, (-10 if is_right else 10, 0), textcoords="offset points",
-                       color="white", ha="right" if is_right else "left", va="center",
+        right.plot(*np.transpose(touch.places_mm), "+", color=CROSS, markersize=14, markeredgewidth=2, linestyle="none")
+        is_right = np.mean(touch.places_mm, axis=0)[0] > 0.25 * size_mm[0]  # the label stays inside
+        outermost = min(touch.places_mm) if is_right else max(touch.places_mm)
+        right.annotate(touch.label, outermost, (-12 if is_right else 12, 0), textcoords="offset points",
+                       color="white", ha="right" if is_right else "left", va="center", fontsize=9,
                        bbox={"facecolor": "black", "alpha": 0.55, "edgecolor": "none", "pad": 1.5})  # fmt: skip
     around = ("x round the tube, mm", "y along the tube, mm") if is_unrolled else ("x, mm", "y, mm")
     _seen_by_camera(right, *around)

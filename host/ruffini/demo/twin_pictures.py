@@ -11,6 +11,8 @@ The wrench over time is drawn by the main job for every board.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -19,9 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.demo.pictures import MarkerMotion, Touched, depth_map, field_over_frame, touches_on_body
+from ruffini.demo.pictures import Touched, depth_map, field_over_frame, touches_on_body
 from ruffini.demo.view import depth_places, node_pixels, node_places
-from ruffini.device.results import Contact, Markers
+from ruffini.device.results import Contact
 from ruffini.frames import read_frames
 from ruffini.sim.optics.camera import View
 from ruffini.sim.optics.charts import chart_of
@@ -29,6 +31,7 @@ from ruffini.sim.optics.settings import ViewSettings
 from ruffini.sim.settings import TwinSettings, load_twin
 
 Array = npt.NDArray[np.float64]
+BESIDE_M = 0.02  # contacts nearer to each other than this have one label
 Results = dict[str, dict[int, Any]]  # of the line, by message and frame
 
 
@@ -91,39 +94,28 @@ def _touches(board: Board, out: Path, results: Results, truth: dict[str, Any], b
         out / "contacts.png", _image(out, strongest), np.sum([truth["force"][i].astype(float) for i in frames], axis=0),
         (board.pad.size_x_um * 1e-3, board.pad.size_y_um * 1e-3), touches,
         title=f"{badge}: touches", frame_title=f"camera at {_time(truth, strongest)}",
-        touches_px=_pixels(board, twin, places), motion=_motion(results["MARKERS"], strongest),
+        touches_px=_pixels(board, twin, places), 
         is_unrolled=is_unrolled,
     )  # fmt: skip
 
 
-def _beside_truth(board: Board, contacts: tuple[Contact, ...], force_n: Array) -> list[Touched]:
-    """Each contact with the true force of the nodes that are nearest to it."""
-    if not contacts:
-        return []
+def _beside_truth(board: Board, contacts: Sequence[Contact], force_n: Array) -> list[Touched]:
+    """Contacts with the true force of the nodes that are nearest to each; neighbours share one number."""
     n_y, n_x = force_n.shape[:2]
-    x_mm, y_mm = np.meshgrid(
-        np.linspace(-0.5, 0.5, n_x) * board.pad.size_x_um * 1e-3,
-        np.linspace(-0.5, 0.5, n_y) * board.pad.size_y_um * 1e-3,
-    )
-    center_mm = np.array([contact.center for contact in contacts]) * 1e3
-    nearest = np.argmin([np.hypot(x_mm - x, y_mm - y) for x, y in center_mm], axis=0)
+    size_mm = np.array([board.pad.size_x_um, board.pad.size_y_um]) * 1e-3
+    x_mm, y_mm = np.meshgrid(*(np.linspace(-0.5, 0.5, n) * size for n, size in zip((n_x, n_y), size_mm, strict=True)))
+    groups: list[list[Contact]] = []
+    for contact in contacts:
+        near = [g for g in groups if any(math.dist(contact.center, c.center) < BESIDE_M for c in g)]
+        groups = [g for g in groups if g not in near] + [[contact, *(c for g in near for c in g)]]
+    apart = [np.min([np.hypot(x_mm - 1e3 * c.center[0], y_mm - 1e3 * c.center[1]) for c in g], axis=0) for g in groups]
     out = []
-    for i, contact in enumerate(contacts):
-        seen = np.isfinite(contact.force)
-        force = float(np.linalg.norm(contact.force[seen])) if seen.any() else float("nan")
-        true = float(np.linalg.norm(force_n[nearest == i].sum(axis=0)))
-        out.append(Touched((float(center_mm[i, 0]), float(center_mm[i, 1])), force, true))
+    for i, group in enumerate(groups):
+        force = np.sum([np.nan_to_num(c.force) for c in group if np.isfinite(c.force).any()] or [[np.nan]], axis=0)
+        true = force_n[np.argmin(apart, axis=0) == i].sum(axis=0)
+        places = [(1e3 * c.center[0], 1e3 * c.center[1]) for c in group]
+        out.append(Touched(places, float(np.linalg.norm(force)), float(np.linalg.norm(true))))
     return out
-
-
-def _motion(messages: dict[int, Markers], frame: int) -> MarkerMotion | None:
-    """None if the board has no markers. Their places at rest come with few frames."""
-    rest = [message.rest_px for message in messages.values() if message.rest_px is not None]
-    if not rest or frame not in messages:
-        return None
-    markers = messages[frame]
-    kept = ~markers.is_lost
-    return MarkerMotion(rest[-1][kept], markers.displacement_px[kept])
 
 
 def _pixels(board: Board, twin: TwinSettings, places_mm: Array) -> Array:
