@@ -111,7 +111,8 @@ def _beside_truth(board: Board, contacts: Sequence[Contact], force_n: Array) -> 
     apart = [np.min([np.hypot(x_mm - 1e3 * c.center[0], y_mm - 1e3 * c.center[1]) for c in g], axis=0) for g in groups]
     out = []
     for i, group in enumerate(groups):
-        force = np.sum([np.nan_to_num(c.force) for c in group if np.isfinite(c.force).any()] or [[np.nan]], axis=0)
+        told = [np.nan_to_num(c.force) for c in group if np.isfinite(c.force).any()]
+        force = np.sum(told, axis=0) if told else np.full(3, np.nan)
         true = force_n[np.argmin(apart, axis=0) == i].sum(axis=0)
         places = [(1e3 * c.center[0], 1e3 * c.center[1]) for c in group]
         out.append(Touched(places, float(np.linalg.norm(force)), float(np.linalg.norm(true))))

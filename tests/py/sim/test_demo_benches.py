@@ -19,7 +19,9 @@ WITHOUT_TWIN = {"gelsight-wedge"}  # known from recordings alone
 
 @pytest.mark.parametrize("name", sorted(WITHOUT_TWIN))
 def test_a_board_without_a_twin_is_refused_in_one_sentence(name):
-    instead = rf"twin\.toml does not exist; show a recording with `ruffini live --camera VIDEO --board {name}`, simulate"
+    instead = (
+        rf"twin\.toml does not exist; show a recording with `ruffini live --camera VIDEO --board {name}`, simulate"
+    )
     with pytest.raises(InputError, match=instead):
         load_twin(find_board(name))
 
