@@ -1,4 +1,4 @@
-"""`ruffini demo` and `ruffini view --demo` on every board with a twin, word for word: `make readmes`; one of them always.
+"""`ruffini demo` and `ruffini view --demo` on every board with a twin: `make readmes`; one of them always.
 
 Calibrations are fitted as on a person's computer, and kept in the tests' own cache.
 """
