@@ -179,7 +179,7 @@ def snapshot(
     """A picture of the field as it is now."""
     from ruffini.boards import parse_board
     from ruffini.demo.pictures import field_over_frame
-    from ruffini.demo.view import node_pixels
+    from ruffini.demo.view import node_pixels, node_places
     from ruffini.device.connection import IMAGE_S, SILENCE_S
     from ruffini.device.results import INVALID, NOT_MEASURED, RESULTS, VALID
     from ruffini.errors import NoDeviceError
@@ -211,8 +211,8 @@ def snapshot(
     if INVALID in field.validity:
         badges.insert(0, "INVALID")
     title = f"{board.name}, frame {field.frame} {' '.join(badges)}"
-    field_over_frame(out, image.pixels, node_pixels(board) / image.step_px, field.raw_force, title=title,
-                     slip=field.slip, z_calibrated=field.validity[2] in (VALID, INVALID))  # fmt: skip
+    field_over_frame(out, image.pixels, node_pixels(board) / image.step_px, node_places(board), field.raw_force,
+                     title=title, slip=field.slip, z_calibrated=field.validity[2] in (VALID, INVALID))  # fmt: skip
     total = field.raw_force.sum(axis=(0, 1)).tolist()
     force = [None if v == NOT_MEASURED else f for f, v in zip(total, field.validity, strict=True)]
     sigma = None if field.sigma is None else _where_pressed(field.sigma, field.raw_force).tolist()

@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +24,9 @@ from ruffini.cli.common import note, progress_bar
 from ruffini.daemon import running_daemon
 from ruffini.demo.calibration import NOISE_WITHOUT_DEPTH, calibrated, has_field, kept_calibration
 from ruffini.demo.live import LiveField
-from ruffini.demo.pictures import AXES, contacts_beside_frame, depth_map, field_over_frame, wrench_over_time
-from ruffini.demo.view import depth_places, node_pixels
+from ruffini.demo.pictures import AXES, depth_map, field_over_frame, wrench_over_time
+from ruffini.demo.twin_pictures import pictures_of_twin
+from ruffini.demo.view import depth_places, node_pixels, node_places
 from ruffini.device import Connection
 from ruffini.device.results import RESULTS, UNCALIBRATED, VALID, Markers
 from ruffini.errors import InputError, NoDeviceError, RuffiniError
@@ -205,7 +205,7 @@ def _report_twin(
     error = np.linalg.norm(np.nan_to_num(measured[:, :3]) - seen, axis=1)
     largest = float(np.linalg.norm(seen, axis=1).max())
     badge = f"{board.name}, SIMULATED"
-    pictures = _pictures(board, out, run, truth, badge)
+    pictures = pictures_of_twin(board, out, run.results, truth, badge)
     per_mm = np.array([1, 1, 1, 1e3, 1e3, 1e3])
     pictures.append(wrench_over_time(out / "wrench.png", truth["time_s"][frames], measured * per_mm,
                                      title=f"{badge}: wrench over the line", truth=true * per_mm))  # fmt: skip
@@ -236,48 +236,6 @@ def _report_twin(
         raise CheckFailed(
             f"the main job's figures are not met: field and wrench differ, or the error is above {100 * limit:g} %"
         )
-
-
-def _pictures(board: Board, out: Path, run: Run, truth: dict[str, Any], badge: str) -> list[Path]:
-    """The force field, else where the sensor says that it is touched; and the depth, where there is one."""
-    rows, columns = board.observed
-    is_sheared = has_field(board)
-    size = np.hypot(*truth["wrench"][:, :2].T) if is_sheared else np.abs(truth["wrench"][:, 2])
-    strongest = max((i for i in run.frames() if not is_sheared or i in run.results["FIELD"]), key=lambda i: size[i])
-    image = next(islice(read_frames(out / "recording"), strongest, None))
-    depths = [d for d in run.results["DEPTH"].values() if np.isfinite(d.depth).any()]
-    pictures = []
-    if is_sheared:
-        got = run.results["FIELD"][strongest]
-        is_normal = "force_z" not in board.board.not_measured
-        pictures.append(field_over_frame(
-            out / "field.png", image, node_pixels(board), got.raw_force, z_calibrated=is_normal,
-            title=f"{badge}: force field, frame {strongest}" + ("" if is_normal else " (shear only)"),
-            truth_n=truth["force"][strongest][rows, columns].astype(float),
-        ))  # fmt: skip
-    else:
-        contacts = run.results["CONTACTS"].get(strongest)
-        pictures.append(contacts_beside_frame(
-            out / "contacts.png", image, truth["force"][strongest].astype(float),
-            (board.pad.size_x_um * 1e-3, board.pad.size_y_um * 1e-3), contacts.contacts if contacts else (),
-            title=f"{badge}: contacts, frame {strongest}",
-        ))  # fmt: skip
-    if depths:
-        deepest = min(depths, key=lambda d: d.depth.min())
-        pictures.append(depth_map(
-            out / "depth.png", deepest.depth * 1e6, title=f"{badge}: depth, frame {deepest.frame}",
-            place_mm=depth_places(board, deepest.depth, deepest.step_px) * 1e3,
-            truth=_true_surface(board, truth, deepest.frame),
-        ))  # fmt: skip
-    return pictures
-
-
-def _true_surface(board: Board, truth: Any, frame: int) -> tuple[Array, Array]:
-    """Where the simulated nodes are now, (n_y, n_x, 2) mm from the pad's centre, and their u_z, micrometres."""
-    x = np.linspace(-0.5, 0.5, board.grid.n_x) * board.pad.size_x_um * 1e-3
-    y = np.linspace(-0.5, 0.5, board.grid.n_y) * board.pad.size_y_um * 1e-3
-    moved = truth["displacement"][frame]
-    return np.stack(np.meshgrid(x, y), axis=-1) + moved[..., :2] * 1e3, moved[..., 2] * 1e6
 
 
 def run_real(board_name: str, out: Path, given: RealInput, *, as_json: bool) -> None:
@@ -331,8 +289,8 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
     wrench = np.array([run.results["WRENCH"][i].values for i in frames]) * np.array([1, 1, 1, 1e3, 1e3, 1e3])
     rate_hz = board.camera.rate_mhz * 1e-3
     pictures = [
-        field_over_frame(out / "field.png", image, node_pixels(board), got.raw_force, z_calibrated=False,
-                         title=f"{board.name}: shear field, frame {strongest} (z UNCALIBRATED)"),
+        field_over_frame(out / "field.png", image, node_pixels(board), node_places(board), got.raw_force,
+                         z_calibrated=False, title=f"{board.name}: shear field, frame {strongest} (z UNCALIBRATED)"),
         wrench_over_time(out / "wrench.png", np.array(frames) / rate_hz, wrench,
                          title=f"{board.name}: wrench (z UNCALIBRATED)"),
     ]  # fmt: skip

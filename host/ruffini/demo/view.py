@@ -8,13 +8,18 @@ import numpy.typing as npt
 from ruffini.boards import Board
 
 
+def node_places(board: Board) -> npt.NDArray[np.float64]:
+    """Where each observed node of the undeformed pad is, (n_y, n_x, 2) mm from the pad's centre."""
+    rows, columns = board.observed
+    x = np.linspace(-0.5, 0.5, board.grid.n_x)[columns] * board.pad.size_x_um * 1e-3
+    y = np.linspace(-0.5, 0.5, board.grid.n_y)[rows] * board.pad.size_y_um * 1e-3
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
 def node_pixels(board: Board) -> npt.NDArray[np.float64]:
     """Image position of each observed node of the undeformed pad, (n_y, n_x, 2) pixels."""
-    rows, columns = board.observed
-    camera, pad = board.camera, board.pad
-    x = np.linspace(-0.5, 0.5, board.grid.n_x)[columns] * pad.size_x_um
-    y = np.linspace(-0.5, 0.5, board.grid.n_y)[rows] * pad.size_y_um
-    grid = np.stack(np.meshgrid(x, y), axis=-1) * (camera.focal_mpx * 1e-3 / camera.standoff_um)
+    camera = board.camera
+    grid = node_places(board) * (camera.focal_mpx / camera.standoff_um)
     return np.asarray(grid + np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from ruffini.boards import Board, Section
+from ruffini.boards import Board, Section, board_names, boards_folder
 from ruffini.errors import InputError
 from ruffini.files import readable
 from ruffini.sim.bodies import settings as bodies
@@ -16,6 +16,7 @@ from ruffini.sim.optics import settings as optics
 from ruffini.sim.prony import Prony
 
 Strain = Literal["linear", "finite"]
+TWIN = "twin.toml"
 Pair = Annotated[list[Annotated[int, Field(ge=-5000, le=5000)]], Field(min_length=2, max_length=2)]
 
 
@@ -117,6 +118,11 @@ class TwinSettings(Section):
                 raise ValueError("[[warming]] place_um: an electroluminescent sheet is everywhere")
 
 
+def twin_names() -> list[str]:
+    """Names of the boards that come with ruffini and can be simulated."""
+    return [name for name in board_names() if (boards_folder() / name / TWIN).is_file()]
+
+
 def load_twin(board: Board) -> TwinSettings:
     """twin.toml beside the board's board.toml.
 
@@ -125,9 +131,13 @@ def load_twin(board: Board) -> TwinSettings:
     InputError
         The board has no twin, or the file is not as it should be.
     """
-    path = (board.folder or Path()) / "twin.toml"
+    path = (board.folder or Path()) / TWIN
     if not path.is_file():
-        raise InputError(f"board {board.name!r} has no optics to simulate: {path} does not exist")
+        raise InputError(
+            f"board {board.name!r} has no optics to simulate: {path} does not exist; show a recording with "
+            f"`ruffini live --camera VIDEO --board {board.name}`, simulate another board "
+            f"({', '.join(twin_names())}), or write that file"
+        )
     try:
         return parse_twin(readable(path).read_text("utf-8"), str(path), board)
     except UnicodeDecodeError as error:

@@ -149,6 +149,18 @@ def test_frames_with_a_csv(tmp_path: Path) -> None:
         read_feature_runs([tmp_path], BOARD)
 
 
+def test_of_frames_too_a_board_learns_only_the_axes_that_it_measures(tmp_path: Path) -> None:
+    board, rng = find_board("digit-tactile"), np.random.default_rng(1)
+    n, size = board.pipeline.n_rest_frames + 3, (board.camera.height_px, board.camera.width_px, 3)
+    for i in range(n):
+        cv2.imwrite(str(tmp_path / f"{i:03d}.png"), rng.integers(100, 104, size, dtype=np.uint8))
+    rows = [f"{k},{k},{-k},{k},{k},{k}" for k in [0] * (n - 2) + [1, 2]]
+    (tmp_path / "wrench.csv").write_text("\n".join(["fx,fy,fz,tx,ty,tz", *rows]) + "\n")
+    (run,) = read_feature_runs([tmp_path], board)
+    assert run.at(0.0)[-2:, 2].tolist() == [-1, -2]
+    assert (run.at(0.0)[:, [0, 1, 3, 4, 5]] == 0).all()
+
+
 def test_temperature_of_frames_is_a_column_of_the_csv(tmp_path: Path) -> None:
     n = BOARD.pipeline.n_rest_frames + 3
     rows = ["fx,fy,fz,tx,ty,tz,celsius"]

@@ -20,7 +20,10 @@ def test_a_board_without_a_twin_is_refused_in_one_sentence(tmp_path):
     folder = tmp_path / "gelslim"
     folder.mkdir()
     shutil.copy(boards_folder() / "gelslim" / "board.toml", folder)
-    with pytest.raises(InputError, match=r"twin\.toml"):
+    instead = (
+        r"twin\.toml does not exist; show a recording with `ruffini live --camera VIDEO --board gelslim`, simulate"
+    )
+    with pytest.raises(InputError, match=instead):
         load_twin(find_board(folder))
 
 

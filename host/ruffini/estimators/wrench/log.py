@@ -147,7 +147,8 @@ def _of_frames(path: Path, board: Board) -> FeatureRun:
     period_s = 1000.0 / board.camera.rate_mhz
     return FeatureRun(
         f"{path.parent.name}/{path.name}", np.array(kept) * period_s, np.array(rows, dtype=np.float64), np.array(good),
-        np.arange(len(wrench), dtype=np.float64) * period_s, wrench - zero_of(wrench[: kept[0]]),
+        np.arange(len(wrench), dtype=np.float64) * period_s,
+        (wrench - zero_of(wrench[: kept[0]])) * measured_axes(board),
         _degrees_of_frames(path, board, kept),
     )  # fmt: skip
 
