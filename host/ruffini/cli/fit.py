@@ -43,7 +43,9 @@ def fit(
             help="Calibration before: what is not fitted is kept, and few presses are enough.",
         ),
     ] = None,
-    fleet: Annotated[Path | None, typer.Option("--prior", help="File of `cal fleet`: what units are like.")] = None,
+    fleet: Annotated[
+        Path | None, typer.Option("--prior", help="File of `cal fleet`: what units are like, for stage material.")
+    ] = None,
     balls: Annotated[Path | None, typer.Option(help="Ball presses, as of `cal fit --only photometric`.")] = None,
     given: Annotated[
         list[Path] | None,
@@ -75,7 +77,7 @@ def fit(
     from ruffini.calibrate.fit.run import finished, run_stages
     from ruffini.calibrate.gates import failed
     from ruffini.estimators.material.prior import read_prior
-    from ruffini.estimators.table import BY_NAME
+    from ruffini.estimators.table import BY_NAME, need_prior_stage
 
     if strain not in ("linear", "finite"):
         raise InputError(f"--strain {strain!r}: choose linear or finite")
@@ -91,6 +93,8 @@ def fit(
     if before is None and board is None:
         raise InputError("no board: give --board, or --previous with a calibration of it")
     found = container.board_of(before, board) if before is not None else find_board(board or "")
+    if fleet is not None:
+        need_prior_stage(found, only, frozenset(skip or []))
     job = Job(
         found, paths, before,
         [keys.read_verified(path) for path in given or []], balls, None if fleet is None else read_prior(fleet, found),

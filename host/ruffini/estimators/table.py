@@ -44,6 +44,24 @@ def applying(board: Board) -> tuple[Estimator, ...]:
     return tuple(estimator for estimator in ESTIMATORS if estimator.applies(board))
 
 
+def need_prior_stage(board: Board, only: str | None, skip: frozenset[str]) -> None:
+    """Refuse a fleet's numbers where no stage of a fit begins with them.
+
+    Raises
+    ------
+    InputError
+        The board, `only` or `skip` leaves out every stage that does.
+    """
+    stages = applying(board) if only is None else (BY_NAME[only],)
+    if any(stage.fits_from_prior and stage.name not in skip for stage in stages):
+        return
+    names = ", ".join(stage.name for stage in ESTIMATORS if stage.fits_from_prior)
+    raise InputError(
+        f"--prior: only stage {names} begins with the numbers of a fleet's pads, and this fit of board "
+        f"{board.name!r} does not run it: leave the option out"
+    )
+
+
 def task_of(board: Board) -> Task | Turned:
     """What a bench presses to calibrate a board.
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 from small_board import SHAPE, Files, Run
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
+from ruffini.estimators.material.prior import Prior, write_prior
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 
 
@@ -71,6 +73,38 @@ def test_report_refuses_a_prior_that_its_stage_does_not_use(run: Run, tmp_path):
                          "--prior", tmp_path / "fleet.json")  # fmt: skip
     assert code == 2
     assert "are of no use to the report of stage wrench: leave the option out" in error
+
+
+def fit_with_prior(run: Run, folder, board: str, words=()) -> tuple[int, str]:
+    """Exit code and stderr of a fit of a log that does not exist."""
+    prior = folder / "fleet.json"
+    write_prior(prior, find_board(board), Prior("fleet of 4", np.array([1e5, 0.48, 4e-3]), np.eye(3)))
+    command = ("cal", "fit", folder / "log.h5", "--board", board, "--out", folder / "cal", "--prior", prior)
+    code, _, error = run(*command, *words)
+    return code, error
+
+
+def test_fit_takes_a_prior_where_the_stage_material_runs(run: Run, tmp_path):
+    code, error = fit_with_prior(run, tmp_path, "gelslim")
+    assert code == 2
+    assert "in stage photometric" in error
+    assert "--prior" not in error
+
+
+@pytest.mark.parametrize(
+    ("board", "words"),
+    [
+        ("gelsight-wedge", ()),
+        ("eltac", ()),
+        ("stereo-fingertip", ()),
+        ("gelslim", ("--only", "threshold")),
+        ("gelslim", ("--skip", "material")),
+    ],
+)
+def test_fit_refuses_a_prior_that_no_stage_uses(run: Run, tmp_path, board, words):
+    code, error = fit_with_prior(run, tmp_path, board, words)
+    assert code == 2
+    assert f"only stage material begins with the numbers of a fleet's pads, and this fit of board {board!r}" in error
 
 
 def test_report_says_in_json_and_exit_code_that_gates_fail(files: Files, run: Run, tmp_path):

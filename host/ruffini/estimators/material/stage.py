@@ -33,6 +33,7 @@ class MaterialEstimator(Estimator):
 
     name = "material"
     kinds = ()
+    fits_from_prior = True
 
     def applies(self, board: Board) -> bool:
         return board.writes("node_forces")
