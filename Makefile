@@ -27,7 +27,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile bench profile oracle aarch64 wheel deb arm64 vm pi board fresh clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels bench profile oracle aarch64 wheel deb arm64 vm pi board fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -156,6 +156,10 @@ mutants: build  ## seeded bugs in firmware, host and page: each must be seen by 
 HOSTILE ?=
 hostile: build  ## own hostile cases, SIMULATED: camera faults and more; writes docs/results/hostile.md. HOSTILE='--quick --only pictures'
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/hostile/run.py --table docs/results/hostile.md $(HOSTILE)
+
+GELS ?=
+gels: build  ## force of gels without markers by `ruffini cal auto`, SIMULATED; writes their rows in docs/results/accuracy.md. GELS='--board ninedtact'
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/gels.py --table docs/results/accuracy.md $(GELS)
 
 DATA ?= $(RUFFINI_RECORDED_DATA)
 real: build  ## one table and a page of what was measured on recordings of real sensors in DATA=FOLDER, with peers on the same rows

@@ -9,6 +9,7 @@ import os
 import platform
 import re
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,11 +73,11 @@ class Line:
         return "| " + " | ".join(str(v) for v in vars(self).values()) + " |"
 
 
-def commit() -> str:
-    """The last commit of JUDGED, with CHANGED behind it if one of its files differs."""
+def commit(judged: Sequence[str] = JUDGED) -> str:
+    """The last commit of `judged`, with CHANGED behind it if one of its files differs."""
 
     def git(*words: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(["git", *words, "--", *JUDGED], cwd=ROOT, capture_output=True, text=True, check=False)
+        return subprocess.run(["git", *words, "--", *judged], cwd=ROOT, capture_output=True, text=True, check=False)
 
     name = git("log", "-1", "--format=%h", "--abbrev=8").stdout.strip() or "unknown"
     return name if git("diff", "--quiet", "HEAD").returncode == 0 else name + CHANGED
