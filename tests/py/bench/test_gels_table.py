@@ -67,3 +67,10 @@ def test_only_a_calibration_in_force_gets_a_row(tmp_path: Path, monkeypatch: pyt
         assert gels.main(words) == 0
         assert path.read_text().count(" | 12345678 | ") == 1
         assert path.read_text().startswith(BEFORE + "| ninedtact | 1.57 N |")
+
+
+def test_the_document_has_a_row_for_every_such_board() -> None:
+    text = (ROOT / "docs" / "results" / "accuracy.md").read_text()
+    section = text.split(gels.SECTION)[1].split("\n## ")[0]
+    rows = [line.split(" | ")[0].removeprefix("| ") for line in section.splitlines() if line.startswith("| ")]
+    assert sorted(rows[2:]) == gels.boards()
