@@ -325,7 +325,7 @@ class ScaleCalibration:
         self._guide, self._bench = Guide(), None
         with contextlib.suppress(RefusedError):
             self._keys.guard()  # pressed while nobody asked
-        hands = TerminalPerson(lambda _: None, self._keys.descriptor, watch=self._watch_sensor)
+        hands = TerminalPerson(lambda _: None, self._keys.descriptor, watch=lambda: self._watch(sensor))
         person = HeardPerson(hands, self._guide, self._keys.guard)
         self._is_stopped = False
         self.show(Step("press"))
@@ -353,10 +353,13 @@ class ScaleCalibration:
         finally:
             self._bench = None
 
-    def _watch_sensor(self) -> None:
-        """While a person is asked; raises NoDeviceError if the sensor is lost or its camera stands still."""
+    def _watch(self, sensor: Connection) -> None:
+        """While a person is asked; raises NoDeviceError if the sensor is lost or, on a bench, its camera stalls."""
         if self._bench is not None:
             self._bench.stream.latest()
+        else:
+            sensor.status()
+            sensor.messages.clear()  # frames of before the answer: rest is learned from those after it
 
     def _fit(self, folder: Path, kept: Plan) -> None:
         """Fit, judge, and show the report."""
