@@ -302,6 +302,13 @@ def test_a_sensor_that_is_lost_at_the_first_question_is_said_before_an_answer(tm
     assert "1 of 3 presses are kept" in run(calibration, "open")["text"]
 
 
+def test_owners_are_told_before_they_press_how_they_flash(tmp_path: Path) -> None:
+    text = run(Calibration(sensor_with(key_ids=["12ab34cd", "5678ef90"]), tmp_path), "open")["text"]
+    assert "owners (keys 12ab34cd, 5678ef90), and a page signs with no key of theirs" in text
+    assert "end the viewer, then `ruffini cal flash FILE --key NAME`" in text
+    assert "owners" not in run(Calibration(sensor_with(), tmp_path), "open")["text"]
+
+
 @pytest.mark.parametrize(("key_ids", "is_named"), [(["12ab34cd"], True), ([], False)])
 def test_a_refused_flash_of_a_sensor_with_owners_says_how_they_flash(
     key_ids: list[str], is_named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
