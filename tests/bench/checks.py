@@ -12,6 +12,7 @@ the checks of one board take more than MOST of the frame, or one that every fram
 from __future__ import annotations
 
 import argparse
+import itertools
 import re
 import subprocess
 import sys
@@ -28,7 +29,7 @@ sys.path.append(str(Path(__file__).parents[1] / "hostile"))
 from calibrations import calibration
 from pictures import BOARDS, states_of
 
-N_FRAMES, N_SETTLED, SEED = 6, 3, 1
+N_FRAMES, N_SETTLED, SEED, MOST_STATES = 6, 3, 1, 12
 MOST = 0.02
 UNCALIBRATED = 2 | 4
 # Functions by which the frame path calls the checks: nothing of them is inlined elsewhere, and none calls another.
@@ -60,7 +61,10 @@ def pictures_of(name: str, folder: Path) -> int:
         core.set_live()
         for frame in shown:
             core.process(frame)
-        pressed = next(state for state in source if not core.process(state.frame()).flags & ~UNCALIBRATED)
+        few = itertools.islice(source, MOST_STATES)
+        pressed = next((state for state in few if not core.process(state.frame()).flags & ~UNCALIBRATED), None)
+    if pressed is None:
+        sys.exit(f"{name}: each of {MOST_STATES} pressed states is flagged: remove its folder in build/hostile")
     shown += [pressed.frame() for _ in range(N_FRAMES)]
     (folder / "board.toml").write_text(unit.board.text)
     (folder / "calibration.safetensors").write_bytes(file)

@@ -10,10 +10,12 @@ from typing import Any
 
 from ruffini.device import Connection
 from ruffini.view.calibration import Calibration
-from ruffini.view.lent_line import StandIn, answer_in, show_guide, show_guide_always
+from ruffini.view.lent_line import Refusal, StandIn, answer_in, show_guide, show_guide_always
 from ruffini.view.line import SharedLine
 from ruffini.view.outbox import Outbox
 from ruffini.wire import Frame, Schema
+
+HANDED_OVER = "the sensor is being handed over, to a calibration or back: try again in a second"
 
 
 class CalibratingLine(SharedLine):
@@ -29,7 +31,7 @@ class CalibratingLine(SharedLine):
     def __init__(self, port: str, folder: Path | None = None) -> None:
         super().__init__(port)
         self.calibration = Calibration(self._borrowed, folder)
-        self._stand_in: StandIn | None = None
+        self._stand_in: Refusal | None = None  # None: the port belongs to the pages
         self._is_over = False
         self._task: asyncio.Task[None] | None = None
 
@@ -55,7 +57,7 @@ class CalibratingLine(SharedLine):
             self.calibration.choose(told.get("calibrate"), told.get("step"), told.get("fields"))
         show_guide(self.boxes, self.calibration.state)
 
-    # ---- pages, while the calibration owns the port ---------------------------------------------
+    # ---- pages, while the port is not theirs ----------------------------------------------------
 
     async def send(self, box: Outbox, frame: Frame) -> None:
         if self._stand_in is None:
@@ -83,6 +85,7 @@ class CalibratingLine(SharedLine):
             It does not answer.
         """
         self._let_go()
+        self.tell(self._hand_over)
         try:
             with Connection(self.port) as sensor:
                 sensor.raw_sink = lambda data: self.tell(self._receive, data)
@@ -93,12 +96,20 @@ class CalibratingLine(SharedLine):
             if not self._is_over:
                 self._take_back()
 
+    def _hand_over(self) -> None:
+        """Refuse commands until a stand-in or the sensor answers them."""
+        self._stand_in, self._schema = Refusal(Schema.own(), HANDED_OVER), Schema.own()
+
     def _begin(self, stand_in: StandIn) -> None:
         """Pages greet the stand-in as they greet a sensor."""
         self._stand_in, self._schema = stand_in, stand_in.schema
-        self._say_open()
+        super()._say_open()
 
     def _end(self) -> None:
-        """What pages send until the port is open again is dropped: they repeat it."""
-        self._stand_in, self._schema = None, Schema.own()
+        self._hand_over()
         self._problem = f"{self.port} is not open again yet"
+
+    def _say_open(self) -> None:
+        """The port is open again: it belongs to the pages."""
+        self._stand_in = None
+        super()._say_open()

@@ -12,7 +12,7 @@ from ruffini.device import Connection
 from ruffini.errors import RuffiniError
 from ruffini.view.line import Line
 from ruffini.view.outbox import Outbox
-from ruffini.wire import Frame
+from ruffini.wire import Frame, Schema
 
 TELL_S = 0.1  # between two states
 GOODBYE_S = 2.0  # real: that long a page has time to take the last one
@@ -20,35 +20,29 @@ ANSWERS = ("HELLO", "SCHEMA", "REPLY", "TIME")  # belong to the owner of the lin
 BUSY = "a collection goes on with this sensor: its page only looks on; end it first"
 
 
-class StandIn:
-    """Answers pages in the place of a sensor that somebody else reads and writes.
+class Refusal:
+    """Answers commands of pages while nobody passes them on to the sensor.
 
-    HELLO and SCHEMA are answered here; a page may subscribe, which changes nothing, and is refused all else.
+    A page may subscribe, which changes nothing, and is refused all else in a sentence.
     """
 
-    def __init__(self, sensor: Connection) -> None:
-        self._sensor, self.schema = sensor, sensor.schema
-        self._passed_over = {sensor.schema.type_numbers.get(name) for name in ANSWERS}
+    def __init__(self, schema: Schema, why: str) -> None:
+        self.schema, self._why = schema, why
         self._sequence = 0
 
     def forwards(self, frame: Frame) -> bool:
         """True if a frame of the sensor is for pages, too."""
-        return frame.type not in self._passed_over
+        return True
 
     def hear(self, box: Outbox, frame: Frame) -> None:
         """A page's message."""
-        name = self.schema.type_name(frame.type)
-        if name == "HELLO":
-            self._answer(box, name, self._sensor.hello)
-        elif name == "SCHEMA":
-            self._answer(box, name, self.schema.new("Schema", file_descriptor_set=self.schema.bytes))
-        elif name == "COMMAND":
+        if self.schema.type_name(frame.type) == "COMMAND":
             with contextlib.suppress(RuffiniError):
                 self._reply(box, self.schema.decode(frame.type, frame.payload))
 
     def _reply(self, box: Outbox, command: Any) -> None:
         is_subscribe = command.WhichOneof("action") == "subscribe"
-        code, text = ("REPLY_OK", "") if is_subscribe else ("REPLY_BUSY", BUSY)
+        code, text = ("REPLY_OK", "") if is_subscribe else ("REPLY_BUSY", self._why)
         number = self.schema.enum_number("ReplyCode", code)
         self._answer(box, "REPLY", self.schema.new("Reply", request_id=command.request_id, code=number, text=text))
 
@@ -56,6 +50,27 @@ class StandIn:
         number = self.schema.type_numbers[name]
         box.put(Frame(number, 255, self._sequence, 0, message.SerializeToString()), self.schema)
         self._sequence += 1
+
+
+class StandIn(Refusal):
+    """Answers pages in the place of a sensor that somebody else reads and writes: also HELLO and SCHEMA."""
+
+    def __init__(self, sensor: Connection) -> None:
+        super().__init__(sensor.schema, BUSY)
+        self._sensor = sensor
+        self._passed_over = {sensor.schema.type_numbers.get(name) for name in ANSWERS}
+
+    def forwards(self, frame: Frame) -> bool:
+        return frame.type not in self._passed_over
+
+    def hear(self, box: Outbox, frame: Frame) -> None:
+        name = self.schema.type_name(frame.type)
+        if name == "HELLO":
+            self._answer(box, name, self._sensor.hello)
+        elif name == "SCHEMA":
+            self._answer(box, name, self.schema.new("Schema", file_descriptor_set=self.schema.bytes))
+        else:
+            super().hear(box, frame)
 
 
 def show_guide(boxes: Iterable[Outbox], state: Callable[[], dict[str, Any]]) -> None:

@@ -145,6 +145,7 @@ class ScaleCalibration:
     _keys: PageKeys = field(default_factory=PageKeys)
     _board: Board | None = None
     _serial: str = "*"
+    _key_ids: tuple[str, ...] = ()  # of the sensor's owners
     _sha256: str = ""  # of the calibration in force; empty: none
     _is_stopped: bool = False
 
@@ -222,6 +223,8 @@ class ScaleCalibration:
         text = WHAT_IT_TAKES
         if not self._is_calibrated and needs_ball_first(self._board):
             text += f" Note: {NEEDS_BALL}."
+        if self._key_ids:
+            text += f" Note: {self._owners_way('FILE')}; at the end, Flash it shows the command with the file's path."
         choices: tuple[Choice, ...] = (BEGIN, UNDO, CLOSE) if self._is_calibrated else (BEGIN, CLOSE)
         is_bad = False
         if folder is not None:
@@ -239,7 +242,15 @@ class ScaleCalibration:
         described = sensor.hello.sensors[0]
         self._board = parse_board(described.board_toml, sensor.port)
         self._serial = sensor.serial_number
+        self._key_ids = tuple(getattr(sensor.hello, "key_ids", ()))  # an older sensor's says nothing of them
         self._sha256 = described.calibration.sha256.hex() if described.calibration.present else ""
+
+    def _owners_way(self, file: str) -> str:
+        """How a calibration comes in force on a sensor with owners."""
+        return (
+            f"this sensor has owners (keys {', '.join(self._key_ids)}), and a page signs with no key of theirs: "
+            f"to put the calibration in force, end the viewer, then `ruffini cal flash {file} --key NAME`"
+        )
 
     @property
     def _is_calibrated(self) -> bool:
@@ -325,7 +336,7 @@ class ScaleCalibration:
         self._guide, self._bench = Guide(), None
         with contextlib.suppress(RefusedError):
             self._keys.guard()  # pressed while nobody asked
-        hands = TerminalPerson(lambda _: None, self._keys.descriptor, watch=self._watch_sensor)
+        hands = TerminalPerson(lambda _: None, self._keys.descriptor, watch=lambda: self._watch(sensor))
         person = HeardPerson(hands, self._guide, self._keys.guard)
         self._is_stopped = False
         self.show(Step("press"))
@@ -353,10 +364,13 @@ class ScaleCalibration:
         finally:
             self._bench = None
 
-    def _watch_sensor(self) -> None:
-        """While a person is asked; raises NoDeviceError if the sensor is lost or its camera stands still."""
+    def _watch(self, sensor: Connection) -> None:
+        """While a person is asked; raises NoDeviceError if the sensor is lost or, on a bench, its camera stalls."""
         if self._bench is not None:
             self._bench.stream.latest()
+        else:
+            sensor.status()
+            sensor.messages.clear()  # frames of before the answer: rest is learned from those after it
 
     def _fit(self, folder: Path, kept: Plan) -> None:
         """Fit, judge, and show the report."""
@@ -412,13 +426,9 @@ class ScaleCalibration:
             try:
                 sensor.flash(file.data, lambda part: self.progress("Flashing", part), self.progress)
             except RefusedError as error:
-                keys = ", ".join(getattr(sensor.hello, "key_ids", []))  # an older sensor's says nothing of them
-                if not keys:
+                if not self._key_ids:
                     raise
-                raise RefusedError(
-                    f"{error}; this sensor has owners (keys {keys}), and a page signs with "
-                    f"no key of theirs: end the viewer, then `ruffini cal flash {folder / FITTED} --key NAME`"
-                ) from error
+                raise RefusedError(f"{error}; {self._owners_way(str(folder / FITTED))}") from error
         write_whole(folder / FLASHED, file.sha256.hex().encode())
         text = "The sensor measures with this calibration now, and keeps the one before: Undo puts that back."
         self.show(Step("flashed", "In force", text, choices=(CLOSE, UNDO), has_report=True))

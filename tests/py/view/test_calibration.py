@@ -7,6 +7,7 @@ import contextlib
 import errno
 import json
 import re
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +20,8 @@ from hang import until
 from ruffini.boards import find_board
 from ruffini.calibrate.gates import REMEDIES
 from ruffini.device import Connection
-from ruffini.errors import InputError, NoDeviceError, RefusedError, RuffiniError
+from ruffini.device.backlog import Backlog
+from ruffini.errors import InputError, LineLostError, NoDeviceError, RefusedError, RuffiniError
 from ruffini.estimators.table import needs_ball_first, scale_span
 from ruffini.rig.program import ScalePress
 from ruffini.view import scale_calibration
@@ -27,6 +29,7 @@ from ruffini.view.calibration import Calibration
 from ruffini.view.guided import serving
 from ruffini.view.line import SharedLine
 from ruffini.view.scale_calibration import Plan, ScaleCalibration, asked_for
+from ruffini.wire import Frame
 
 
 @contextlib.contextmanager
@@ -206,13 +209,13 @@ def test_a_spoilt_plan_is_refused_in_a_sentence(text: str, tmp_path: Path) -> No
 
 
 def sensor_with(
-    sha256: bytes = b"", *, key_ids: Sequence[str] = (), flash: Callable[..., None] | None = None
+    sha256: bytes = b"", *, key_ids: Sequence[str] = (), **can: Any
 ) -> Callable[[], contextlib.AbstractContextManager[Connection]]:
-    """Lends a gelslim with this calibration in force; it can be looked at, no more."""
+    """Lends a gelslim with this calibration in force; it can be looked at, and what `can` names."""
     calibration = SimpleNamespace(present=bool(sha256), sha256=sha256)
     described = SimpleNamespace(board_toml=find_board("gelslim").text, calibration=calibration)
     hello = SimpleNamespace(sensors=[described], key_ids=key_ids)
-    sensor: Any = SimpleNamespace(hello=hello, port="/dev/pts/7", serial_number="7", flash=flash)
+    sensor: Any = SimpleNamespace(hello=hello, port="/dev/pts/7", serial_number="7", **can)
     return lambda: contextlib.nullcontext(sensor)
 
 
@@ -272,6 +275,38 @@ def test_presses_that_are_all_there_are_fitted_whatever_is_in_force(tmp_path: Pa
     Plan(None, "", (50.0,), ((ScalePress(0.0, 0.0, 50.0),),), "01").write(folder)
     (folder / "presses-1.h5").touch()
     assert words(run(Calibration(sensor_with(b"\2"), tmp_path), "open"))[0] == "continue"
+
+
+def test_a_sensor_that_is_lost_at_the_first_question_is_said_before_an_answer(tmp_path: Path) -> None:
+    folder, lost, messages = tmp_path / "20260101T000000Z", threading.Event(), Backlog()
+    Plan(None, "", (50.0,), (tuple(ScalePress(0.0, 0.001 * i, 50.0) for i in range(3)),), "").write(folder)
+    (folder / "presses-1.h5.parts").mkdir()
+    (folder / "presses-1.h5.parts" / "00000.h5").touch()
+
+    def status() -> None:
+        messages.append(Frame(0, 0, 0, 2, b""), None)  # the sensor's stream goes on meanwhile
+        if lost.is_set():
+            raise LineLostError("/dev/pts/7: the line was lost")
+
+    calibration = Calibration(sensor_with(status=status, messages=messages), tmp_path)
+    run(calibration, "open")
+    run(calibration, "continue")
+    until(lambda: calibration.state()["said"].startswith("set the scale to zero"), "the first question")
+    until(lambda: messages.n_added > 1, "a second look at the sensor")
+    assert len(messages) < messages.n_added
+    lost.set()
+    until(lambda: calibration.state()["phase"] == "ended", "the loss")
+    state = calibration.state()
+    assert state["text"] == f"/dev/pts/7: the line was lost. The presses are kept in {folder}."
+    assert words(state)[0] == "continue"
+    assert "1 of 3 presses are kept" in run(calibration, "open")["text"]
+
+
+def test_owners_are_told_before_they_press_how_they_flash(tmp_path: Path) -> None:
+    text = run(Calibration(sensor_with(key_ids=["12ab34cd", "5678ef90"]), tmp_path), "open")["text"]
+    assert "owners (keys 12ab34cd, 5678ef90), and a page signs with no key of theirs" in text
+    assert "end the viewer, then `ruffini cal flash FILE --key NAME`" in text
+    assert "owners" not in run(Calibration(sensor_with(), tmp_path), "open")["text"]
 
 
 @pytest.mark.parametrize(("key_ids", "is_named"), [(["12ab34cd"], True), ([], False)])

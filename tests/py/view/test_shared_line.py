@@ -8,11 +8,14 @@ import os
 import select
 import tty
 from collections.abc import Iterator
+from typing import Any
 
 import aiohttp
 import pytest
 from hang import HANG_S
 
+from ruffini.errors import NoDeviceError
+from ruffini.view.calibrating_line import HANDED_OVER, CalibratingLine
 from ruffini.view.line import SharedLine
 from ruffini.view.outbox import MAX_ANSWERS, Outbox
 from ruffini.view.server import IN_FLIGHT, serve
@@ -112,6 +115,52 @@ def test_the_device_is_asked_for_what_any_page_wants(device: Device) -> None:
     wrench, field, image = NUMBER["WRENCH"], NUMBER["FIELD"], NUMBER["IMAGE"]
     assert said == [(7, {wrench: 1, field: 4}), (8, {wrench: 1, field: 2, image: 6}), (0, {field: 2, image: 6})]
     assert [f.sequence for f in frames] == [0, 1, 2]
+
+
+def zero(request: int) -> Frame:
+    return Frame(NUMBER["COMMAND"], 255, 0, 1, SCHEMA.new("Command", request_id=request, zero={}).SerializeToString())
+
+
+def test_what_a_page_asks_while_the_line_changes_hands_is_answered_at_once(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line, box, answers = CalibratingLine(device.port), Outbox(), []
+
+    async def ask(command: Frame) -> None:
+        await line.send(box, command)
+        _, data = ([], b"") if box.is_empty else await box.take()
+        for frame in Decoder().feed(data):
+            reply: Any = SCHEMA.decode(frame.type, frame.payload)
+            answers.append((reply.request_id, reply.code, reply.text))
+
+    async def use() -> None:
+        await line.start()
+        line.boxes[box] = {}
+        loop = asyncio.get_running_loop()
+
+        def silent(_: str) -> None:
+            for command in (zero(1), subscribe(2, wrench=1)):
+                asyncio.run_coroutine_threadsafe(ask(command), loop).result(HANG_S)
+            raise NoDeviceError("nothing answers HELLO")
+
+        def calibrate() -> None:
+            with pytest.raises(NoDeviceError), line._borrowed():
+                pass
+            asyncio.run_coroutine_threadsafe(ask(zero(3)), loop).result(HANG_S)
+
+        monkeypatch.setattr("ruffini.view.calibrating_line.Connection", silent)
+        await asyncio.to_thread(calibrate)
+        while line._problem:
+            await asyncio.sleep(0.01)
+        await line.send(box, zero(4))
+        await line.close()
+
+    asyncio.run(asyncio.wait_for(use(), HANG_S))
+    busy = SCHEMA.enum_number("ReplyCode", "REPLY_BUSY")
+    assert answers == [(1, busy, HANDED_OVER), (2, 0, ""), (3, busy, HANDED_OVER)]
+    (passed_on,) = device.heard(1)
+    command: Any = SCHEMA.decode(passed_on.type, passed_on.payload)
+    assert command.request_id == 4
 
 
 def through_the_door(device: Device, work: object, line: SharedLine | None = None) -> object:

@@ -20,7 +20,7 @@ from ruffini.sim.optics.surface import Hits
 def shade(light: WhiteRing, hits: Hits, lamp_gain: Floats, place_mm: Floats) -> Floats:
     """Light of the ring on what the pixels see, (h, w, 3) B G R."""
     if light.darkening_um:
-        hits = replace(hits, normal=np.broadcast_to(np.float32([0, 0, -1]), hits.normal.shape))
+        hits = replace(hits, normal=np.broadcast_to(np.array([0, 0, -1], np.float32), hits.normal.shape))
     total = np.zeros(hits.a.shape, dtype=np.float32)
     for place, gain in zip(place_mm, lamp_gain, strict=True):
         if gain > 0:
