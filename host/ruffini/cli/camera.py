@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit_tables
+from ruffini.cli.common import BoardOption, JsonFlag, emit_judged
 from ruffini.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def camera(
 ) -> None:
     """Fit lens, mounting and refraction to pictures of a flat target."""
     from ruffini.boards import find_board
+    from ruffini.calibrate.gates import write_judged
     from ruffini.estimators.camera.fit import fit_camera, tables
     from ruffini.estimators.camera.stage import CAMERA
     from ruffini.estimators.camera.targets import Target
@@ -53,9 +54,10 @@ def camera(
     fit = fit_camera(paths, shown, found, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit.model, found)
     report = fit.report()
+    gates = write_judged(out, CAMERA.name, CAMERA.gates(report, found), found, {**tensors}, report, metadata)
     skipped = f", none in {', '.join(report['skipped'])}" if report["skipped"] else ""
-    emit_tables(out, CAMERA, found, {**tensors}, report, metadata, json_,
-         f"{report['model']} lens from {report['views']} views, {report['points']} points{skipped}; "
+    emit_judged({"file": str(out), **report}, gates, json_,
+         f"{out}: {report['model']} lens from {report['views']} views, {report['points']} points{skipped}; "
          f"residual {report['residual_px']:.3f} px = {report['residual_um']:.1f} um of pad, worst view "
          f"{report['worst_view_px']:.3f} px; mounting "
          + ("measured on the pad" if report["is_measured_on_pad"] else "as in board.toml"))  # fmt: skip
@@ -65,6 +67,7 @@ def _several(
     paths: list[Path], shown: Target, board: Board, views: str, fisheye: bool, on_pad: Path | None, index: float,
     out: Path, json_: bool,
 ) -> None:  # fmt: skip
+    from ruffini.calibrate.gates import write_judged
     from ruffini.estimators.camera.stage import CAMERA
     from ruffini.estimators.camera.views import fit_views, tables, view_kinds
 
@@ -74,7 +77,8 @@ def _several(
     fit = fit_views(paths, shown, board, kinds, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit, board)
     report = fit.report()
+    gates = write_judged(out, CAMERA.name, CAMERA.gates(report, board), board, {**tensors}, report, metadata)
     each = "; ".join(f"{v['kind']}: {v['pictures']} pictures, {v['residual_px']:.3f} px" for v in report["views"])
-    emit_tables(out, CAMERA, board, {**tensors}, report, metadata, json_,
-         f"{each}; on the pad the rays of two views meet {report['height_um']:.1f} um off its height (RMS of "
+    emit_judged({"file": str(out), **report}, gates, json_,
+         f"{out}: {each}; on the pad the rays of two views meet {report['height_um']:.1f} um off its height (RMS of "
          f"{report['points']} points), {report['gap_um']:.1f} um apart")  # fmt: skip

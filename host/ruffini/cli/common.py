@@ -7,16 +7,12 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
-    from ruffini.boards import Board
-    from ruffini.calibrate.container import Tensors
     from ruffini.calibrate.gates import Gate
-    from ruffini.estimators.base import Estimator
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 RESUME_S = 10.0
@@ -61,17 +57,6 @@ def note(text: str) -> None:
     """A line for the person, on stderr."""
     if not Settings.quiet:
         print(printable(text), file=sys.stderr, flush=True)
-
-
-def emit_tables(
-    out: Path, estimator: Estimator, board: Board, tensors: Tensors, report: dict[str, Any], metadata: dict[str, str],
-    json_: bool, text: str,
-) -> None:  # fmt: skip
-    """Write the tables of an estimator's own fit with report and gates; print them. `text` follows the file's name."""
-    from ruffini.calibrate.gates import write_judged
-
-    gates = write_judged(out, estimator.name, estimator.gates(report, board), board, tensors, report, metadata)
-    emit_judged({"file": str(out), **report}, gates, json_, f"{out}: {text}")
 
 
 def note_start(verb: str, board: str | None) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit_tables, note_start, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note_start, progress_bar
 
 
 def dark(
@@ -19,6 +19,7 @@ def dark(
     """Measure what the camera shows with its lamps off: black level and daylight, which then do not count."""
     note_start("cal fit --only dark", board)
     from ruffini.boards import find_board
+    from ruffini.calibrate.gates import write_judged
     from ruffini.estimators.dark.frame import dark_frame
     from ruffini.estimators.dark.stage import DARK
     from ruffini.frames import read_frames
@@ -27,7 +28,8 @@ def dark(
     with progress_bar("frames") as progress:
         made = dark_frame(found, read_frames(log), progress=progress)
     report = made.report()
+    gates = write_judged(out, DARK.name, DARK.gates(report, found), found, made.tensors(), report, {})
     level = ", ".join(f"{v:.2f}" for v in report["level_bgr"])
-    emit_tables(out, DARK, found, made.tensors(), report, {}, json_,
-         f"dark frame of {report['frames']} frames, mean level {level} (B, G, R), brightest "
+    emit_judged({"file": str(out), **report}, gates, json_,
+         f"{out}: dark frame of {report['frames']} frames, mean level {level} (B, G, R), brightest "
          f"{report['brightest']:.1f}; fit the colours with it too: `cal fit --only photometric --dark`")  # fmt: skip
