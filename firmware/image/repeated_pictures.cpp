@@ -53,7 +53,7 @@ bool RepeatedPictures::run(const FrameView& frame) {
 
 void RepeatedPictures::sum(const FrameView& frame) {
   auto at = at_.begin();
-  for (uint64_t& cell : now_) {
+  for (uint32_t& cell : now_) {
     uint32_t blue_red = 0;  // sums in 16 bits each
     uint32_t green = 0;     // times 256
     uint64_t mixed = 0;
@@ -69,13 +69,13 @@ void RepeatedPictures::sum(const FrameView& frame) {
     }
     const uint32_t level = (blue_red & 0xffff) + (blue_red >> 16) + (green >> 8);
     const bool shows_something = level > 3 * kSamples * kBlack && level < 3 * kSamples * kWhite;
-    cell = shows_something ? std::max<uint64_t>(mixed, 1) : 0;
+    cell = shows_something ? std::max(static_cast<uint32_t>(mixed), 1U) : 0;
   }
 }
 
 RepeatedPictures::Repeats RepeatedPictures::compare() const {
   Repeats found{.n_older = n_before_};
-  const auto n_shown = std::count_if(now_.begin(), now_.end(), [](uint64_t sum) { return sum != 0; });
+  const auto n_shown = std::count_if(now_.begin(), now_.end(), [](uint32_t hash) { return hash != 0; });
   for (size_t k = 0; k < n_before_; ++k) {
     const Cells& older = before_[k];
     int n = 0;

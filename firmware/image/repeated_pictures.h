@@ -1,9 +1,8 @@
 // Detects pictures, or parts of them, that a live camera has delivered before.
 //
 //   cell    a quarter of the width of a band of rows; about 30 bands, each a multiple of 8 rows
-//   hash(c) of kSamples pixels of cell c, whose places are drawn once; cells that are black or white on average
-//   (kBlack,
-//           kWhite) are not compared
+//   hash(c) of kSamples pixels of cell c, whose places are drawn once; 32 bits. Cells that are black or white on average
+//           (kBlack, kWhite) are not compared
 //   old     at least kMinCells cells have the hash that they had in one of the last kRemembered pictures
 //
 // Sensor noise makes an equal hash of kSamples pixels practically impossible. A V4L2 driver has at most 32 buffers
@@ -39,10 +38,10 @@ class RepeatedPictures {
 
  private:
   static constexpr int kColumns = 4;
-  static constexpr size_t kSamples = 16;
+  static constexpr size_t kSamples = 12;
   static constexpr size_t kRemembered = 31;
   static constexpr int kMinCells = 2;
-  using Cells = std::vector<uint64_t>;  // sum of each; 0: shows nothing
+  using Cells = std::vector<uint32_t>;  // hash of each; 0: shows nothing
 
   struct Repeats {
     size_t n_older = 0;     // pictures that it was compared with

@@ -42,6 +42,13 @@ void SlippedPins::learn(std::span<const Marker> markers, size_t n_views) {
 }
 
 bool SlippedPins::run(std::span<const Marker> markers) {
+  // A bend is less than four times the largest displacement.
+  const auto is_small = [](ImagePx d) { return std::abs(int64_t{d.raw()}) <= kLimitQ16 / 4; };
+  if (std::all_of(markers.begin(), markers.end(), [&](const Marker& m) {
+        return m.is_lost || m.is_absent || (is_small(m.displacement_x) && is_small(m.displacement_y));
+      })) {
+    return false;
+  }
   std::fill(lines_.begin(), lines_.end(), Line{});
   const auto is_known = [&](int i) {
     return i != kNone && !markers[static_cast<size_t>(i)].is_lost && !markers[static_cast<size_t>(i)].is_absent;

@@ -94,6 +94,17 @@ def failed(gates: Sequence[Gate]) -> list[Gate]:
     return [gate for gate in gates if gate.ok is False]
 
 
+def need_passed(gates: Sequence[Gate], page: Path, *, force: bool) -> bool:
+    """True if none refuses. Raises RefusedError if one does and `force` is not given; `page` shows why."""
+    bad = failed(gates)
+    if bad and not force:
+        raise RefusedError(
+            f"not flashed, what is in force stays ({'; '.join(f'{g.name}: {g.text}' for g in bad)}): see {page}, "
+            "collect more, or give --force"
+        )
+    return not bad
+
+
 def of_stage(stage: str, gates: Sequence[Gate]) -> list[Gate]:
     """The gates that a stage states, marked as its own: a later fit of the stage replaces them."""
     return [gate._replace(stage=stage) for gate in gates]

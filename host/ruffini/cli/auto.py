@@ -59,14 +59,20 @@ def auto(
 
     found = find_board(board)
     task = task_of(found)
-    if isinstance(task, Turned):
-        _turned(found, task, rig, out, previous, quick=quick, force=force, json_=json_)
-        return
+    if isinstance(task, Turned) and rig != SIMULATED:
+        raise InputError(
+            f"board {found.name!r} is pressed by several tools while it is turned under them, which no machine of "
+            f"`cal auto` does: record such presses and fit them with `ruffini cal fit --only {task.name}`; "
+            "--rig sim plays it on the twin"
+        )
     before = None if previous is None else keys.read_verified(previous)
     if before is not None:
         container.check_board(before, found)
     folder = Path(tempfile.mkdtemp(prefix="ruffini-auto-")) if out is None else out
     folder.mkdir(parents=True, exist_ok=True)
+    if isinstance(task, Turned):
+        _turned(found, task, folder, before, quick=quick, force=force, json_=json_)
+        return
     depth_m = 1e-3 * (task.depth_mm if depth_mm is None else depth_mm)
     shear_m = 1e-3 * (task.shear_mm if shear_mm is None else shear_mm)
     if rig == SIMULATED:
@@ -86,24 +92,11 @@ def auto(
 
 
 def _turned(
-    board: Board, task: Turned, rig: str, out: Path | None, previous: Path | None, *,
-    quick: bool, force: bool, json_: bool,
-) -> None:  # fmt: skip
+    board: Board, task: Turned, folder: Path, before: CalibrationFile | None, *, quick: bool, force: bool, json_: bool
+) -> None:
     """Turned under several tools: only the twin's bench does that by itself."""
-    from ruffini.calibrate import container
     from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm
 
-    if rig != SIMULATED:
-        raise InputError(
-            f"board {board.name!r} is pressed by several tools while it is turned under them, which no machine of "
-            f"`cal auto` does: record such presses and fit them with `ruffini cal fit --only {task.name}`; "
-            "--rig sim plays it on the twin"
-        )
-    before = None if previous is None else container.read(previous)
-    if before is not None:
-        container.check_board(before, board)
-    folder = Path(tempfile.mkdtemp(prefix="ruffini-auto-")) if out is None else out
-    folder.mkdir(parents=True, exist_ok=True)
     result = TipAuto(board, task, folder, eyes_apart_mm(board), note, quick, force, before).run()
     after, mean = result["after"], result["after"]["mean"]
     was = "" if result["before"] is None else f"{1e-3 * result['before']['error']:.3f} N before, now "

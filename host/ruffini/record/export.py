@@ -23,7 +23,6 @@ from ruffini.extras import missing
 from ruffini.record.columns import contact_columns, learned_columns, softness_columns
 from ruffini.record.recording import Recording
 
-FORMATS = ("csv", "hdf5", "npz", "parquet")
 BLOCK = 256  # frames that are in memory at once; NPZ needs all
 AXES = ("x", "y", "z")
 NAN3 = (np.nan,) * 3

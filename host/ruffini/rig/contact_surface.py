@@ -11,6 +11,7 @@ Array = npt.NDArray[np.float64]
 
 SAME_PLACE_M = 1e-6
 MIN_CONTACTS = 9  # for a quadratic surface, which has six unknowns
+SIGMAS = 3.0  # of a prediction: a skin on pyramids is softer between them, so that its contacts scatter by 0.2 mm
 CURVED_M = 1e-4  # deviation of a dome of 22 mm from a quadratic surface, 8 mm from its apex
 
 
@@ -30,9 +31,14 @@ class ContactSurface:
 
     def expected(self, x_m: float, y_m: float) -> float | None:
         """Predicted height of the contact at a position; None if the known contacts do not determine it."""
+        predicted = self._predicted(x_m, y_m)
+        return None if predicted is None else predicted[0]
+
+    def _predicted(self, x_m: float, y_m: float) -> tuple[float, float] | None:
+        """Height of the contact, and by how much it may be off: nothing where it is known."""
         before = self._before(x_m, y_m)
         if before is not None:
-            return before
+            return before, 0.0
         if len(self._contacts) < MIN_CONTACTS:
             return None
         x, y, z = np.array(self._contacts).T
@@ -40,7 +46,10 @@ class ContactSurface:
         terms, here = _terms(x / scale, y / scale), _terms(np.array([x_m / scale]), np.array([y_m / scale]))
         if np.linalg.matrix_rank(terms, tol=1e-2) < terms.shape[1] or not _is_within(x, y, x_m, y_m):
             return None
-        return float((here @ np.linalg.lstsq(terms, z, rcond=None)[0])[0])
+        fit = np.linalg.lstsq(terms, z, rcond=None)[0]
+        variance = np.sum((z - terms @ fit) ** 2) / (len(z) - len(fit))
+        leverage = here @ np.linalg.inv(terms.T @ terms) @ here.T
+        return float((here @ fit)[0]), CURVED_M + SIGMAS * float(np.sqrt(variance * (1 + leverage[0, 0])))
 
     def _before(self, x_m: float, y_m: float) -> float | None:
         for x, y, z in self._contacts:
@@ -56,9 +65,9 @@ class ContactSurface:
         PadMovedError
             Its height differs from the prediction by more than the tolerance.
         """
-        known_m = self.expected(x_m, y_m)
-        is_same = self._before(x_m, y_m) is not None
-        if known_m is not None and abs(known_m - z_m) > tolerance_m + (0 if is_same else CURVED_M):
+        predicted, is_same = self._predicted(x_m, y_m), self._before(x_m, y_m) is not None
+        if predicted is not None and abs(predicted[0] - z_m) > tolerance_m + predicted[1]:
+            known_m = predicted[0]
             told = f"before at {1e3 * known_m:.2f} mm" if is_same else f"by the others at {1e3 * known_m:.2f} mm"
             raise PadMovedError(f"the pad is touched at {1e3 * z_m:.2f} mm, {told}: "
                                 "the machine lost steps or the pad moved: home it again")  # fmt: skip

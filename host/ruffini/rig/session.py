@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from ruffini.rig.stage import Guard, Place, Stage, no_guard
 from ruffini.rig.stream_watch import STALL_S, StreamWatch
 from ruffini.rig.touch import LONGEST_GAP_S
 from ruffini.rig.watch import Watch
+from ruffini.wire.framing import MAX_MESSAGE_BYTES
 
 NO_REFERENCE = "FLAG_NO_REFERENCE"
 DENSE_HZ = 20.0  # of fields and markers: a few are kept, and the host has to read all that comes
@@ -79,6 +81,12 @@ class Watched(NamedTuple):
     session: str
 
 
+def sent_image_bytes(width_px: int, height_px: int) -> int:
+    """Size of a picture on the line: decimated until it fits one message (proto/README.md)."""
+    sizes = (3 * (width_px // step) * (height_px // step) for step in itertools.count(1))
+    return next(size for size in sizes if size < MAX_MESSAGE_BYTES)
+
+
 @contextlib.contextmanager
 def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Watched]:
     """The sensor's stream, with what its pipeline makes and some pictures."""
@@ -87,7 +95,7 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
     camera = board.camera
     frame_hz = pace.frame_hz or camera.rate_mhz * 1e-3
     dense_every = max(1, round(camera.rate_mhz * 1e-3 / DENSE_HZ))
-    image_every = math.ceil(frame_hz * camera.width_px * camera.height_px * 3 / pace.image_bytes_per_s)
+    image_every = math.ceil(frame_hz * sent_image_bytes(camera.width_px, camera.height_px) / pace.image_bytes_per_s)
     has_markers = board.writes("markers") or board.writes("targets")
     has_features = board.writes("features") and not has_markers  # those of markers and targets follow from their motion
     has_contacts = board.writes("skin") or board.writes("contact_model")

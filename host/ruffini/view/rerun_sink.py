@@ -20,7 +20,6 @@ from ruffini.record.columns import contact_columns, softness_columns
 Array = npt.NDArray[np.float64]
 CURVES = {"force_n": "force", "torque_nm": "torque"}
 AXIS_COLOURS = [(213, 94, 0), (0, 158, 115), (0, 114, 178)]  # told apart by colour-blind people, too
-ARROW_M_PER_N = 0.2  # length of a node's arrow
 WRENCH_M_PER_N = 0.01
 NODE_AXES = ("y", "x", "component")
 FULL_DEPTH_M = 0.5e-3  # pressed in so far a node is darkest

@@ -14,7 +14,6 @@ MAX_PAYLOAD_BYTES = 4048
 MAX_MESSAGE_BYTES = 255 * MAX_PAYLOAD_BYTES
 FROM_HOST, SIMULATED, REPLAY = 1, 2, 4
 KNOWN_FLAGS = 7
-DEVICE_SENSOR = 255
 RESTART_GAP = 1 << 31  # a sequence that goes back: the device was started again, nothing was lost
 _HEADER = struct.Struct("<BBBBIBBH")
 

@@ -18,8 +18,9 @@ from ruffini.calibrate.fit.run import finished, gates_of_stages, run_stages
 from ruffini.calibrate.gates import Gate, failed
 from ruffini.errors import InputError
 from ruffini.estimators.skin.judge import OFF_X, REFERENCE, SAID, judged_presses
-from ruffini.estimators.skin.log import untouched_of, whole
+from ruffini.estimators.skin.log import pictured_presses, untouched_of, whole
 from ruffini.estimators.skin.openings import lattice_mm
+from ruffini.estimators.skin.presses import TOUCHED_N
 from ruffini.estimators.skin.report import skin_report_of, write_skin_page
 from ruffini.estimators.skin.response import TIMES_S, Layout, layout_of, relaxed
 from ruffini.estimators.skin.rubber import pyramid_force
@@ -40,7 +41,9 @@ def pictures(light: Array) -> npt.NDArray[np.uint8]:
     return out[:, ::STEP_PX, ::STEP_PX]
 
 
-def touch(number: int, place: Array, strength: float, layout: Layout, *, gain: float = 1.0) -> TouchRecord:
+def touch(
+    number: int, place: Array, strength: float, layout: Layout, *, gain: float = 1.0, taken: tuple[int, ...] = TAKEN
+) -> TouchRecord:  # fmt: skip
     """Down in 0.5 s, held for 0.7 s; force by the rubber's law with memory."""
     time_s = np.arange(45) / 30.0
     way = strength * np.clip((time_s - time_s[8]) / 0.5, 0, 1)
@@ -57,7 +60,7 @@ def touch(number: int, place: Array, strength: float, layout: Layout, *, gain: f
         "stream_flags": np.zeros(45, int), "stream_wrench": none, "stream_validity": np.zeros((45, 6), int),
         "reference_s": host_s, "reference_wrench": reference,
         "stage_s": host_s[-1:], "stage_place": np.array([[*place * 1e-3, -1e-3]]),
-        "image_s": host_s[list(TAKEN)] - 77, "image": pictures(np.exp(u[list(TAKEN)])),
+        "image_s": host_s[list(taken)] - 77, "image": pictures(np.exp(u[list(taken)])),
     }  # fmt: skip
     facts = {"held_host_s": host_s[24], "lifted_host_s": host_s[-1], "touched_host_s": host_s[8],
              "image_step_px": STEP_PX}  # fmt: skip
@@ -204,6 +207,16 @@ def test_what_is_untouched_is_the_mean_over_touches(tmp_path: Path) -> None:
     for one, level in zip(log.touches, (10, 20), strict=True):
         one.arrays["image"][0] = level
     assert (untouched_of(log, "log", BOARD) == 15).all()
+
+
+def test_a_light_touch_on_the_way_down_is_not_taken_for_rest(tmp_path: Path) -> None:
+    layout = layout_of(BOARD, lattice_mm(BOARD))
+    one = touch(0, np.array([20.0, 5.0]), 1.2, layout, taken=(3, 11, 20, 42))
+    write_log(tmp_path / "log.h5", Log({"board": BOARD.name, "rig": "sim"}, [one], {}))
+    (press,) = pictured_presses(read_log(tmp_path / "log.h5"), "log", BOARD)
+    assert 0 < press.force_n[1] < TOUCHED_N < press.force_n[2]
+    assert press.n_rest == 1
+    assert press.time_s[0] < press.touched_s < press.time_s[1]
 
 
 def test_a_picture_of_each_second_pixel_lies_where_its_pixels_were() -> None:

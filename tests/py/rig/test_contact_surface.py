@@ -56,3 +56,19 @@ def test_contacts_in_a_row_do_not_make_a_surface():
     for x in np.linspace(-5e-3, 5e-3, 12):
         made.know(x, 0.0, 0.0)
     assert made.expected(0.0011, 0.0) is None
+
+
+# x, y and height, mm, of contacts of a ball on the twin of a skin: it gives way between its pyramids and at its seams.
+SKIN = [
+    (-59.9, -18.1, -0.5), (-105.4, 42.3, -0.3), (100.5, 12.7, -0.3), (55.1, -17.0, -0.3), (9.6, 43.4, -0.5),
+    (-35.8, 13.8, -0.3), (-81.3, -15.8, -0.3), (124.6, 44.6, -0.7), (79.2, 15.0, -0.279), (33.7, -14.6, -0.251),
+    (-11.7, -44.2, -0.3), (-57.2, 16.2, -0.464), (-102.6, -13.4, -0.309), (103.3, -43.0, -0.45),
+]  # fmt: skip
+
+
+def test_contacts_that_scatter_are_no_lost_steps_but_a_millimetre_is() -> None:
+    made = ContactSurface()
+    for x_mm, y_mm, z_mm in SKIN:
+        made.check(1e-3 * x_mm, 1e-3 * y_mm, 1e-3 * z_mm, TOLERANCE_M)
+    with pytest.raises(PadMovedError, match="by the others"):
+        made.check(0.02, 0.01, -1.4e-3, TOLERANCE_M)

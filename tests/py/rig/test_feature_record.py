@@ -7,7 +7,8 @@ import numpy as np
 from ruffini.rig.log_file import ACTIVITY, MOTION
 from ruffini.rig.program import ScalePress
 from ruffini.rig.reference import Reading
-from ruffini.rig.stream_watch import FeatureSample, StreamSample, Window
+from ruffini.rig.session import sent_image_bytes
+from ruffini.rig.stream_watch import FeatureSample, ImageSample, StreamSample, Window
 from ruffini.rig.touch import record_of
 
 TOUCHED_S, HELD_S, LIFTED_S, END_S, PERIOD_S = 2.0, 3.0, 5.0, 6.0, 0.02
@@ -46,3 +47,22 @@ def test_a_press_on_a_scale_that_fades_while_it_is_held_is_seen_without_markers(
     for fades, said in ((0.0, []), (0.1, ["the press changed by 39 % while it was held"])):
         pressed = np.interp(time_s, [TOUCHED_S, HELD_S, LIFTED_S, LIFTED_S + 0.1], [0, 0.3, 0.3 - fades, 0])
         assert press.faults(record_of(window(pressed), readings, [], facts)) == said
+
+
+def test_pictures_of_the_way_down_are_kept_of_a_sensor_that_sends_nothing_else_of_it() -> None:
+    time_s = np.arange(0, END_S, PERIOD_S)
+    facts = {"touched_host_s": 10 + TOUCHED_S, "held_host_s": 10 + HELD_S, "lifted_host_s": 10 + LIFTED_S}
+    readings = [Reading(10 + t, NOTHING) for t in time_s]
+    images = [ImageSample(t, np.zeros((2, 2, 3), np.uint8), 2) for t in time_s]
+    with_features = window(0 * time_s)._replace(images=images)
+    for sent, n_of_way in ((with_features._replace(features=[]), 8), (with_features, 0)):
+        kept_s = record_of(sent, readings, [], facts).arrays["image_s"]
+        assert (kept_s <= TOUCHED_S).sum() == 1
+        assert ((kept_s > TOUCHED_S) & (kept_s <= HELD_S)).sum() == n_of_way
+        assert ((kept_s > HELD_S) & (kept_s < LIFTED_S)).sum() == 3
+        assert (np.diff(kept_s) > 0).all()
+
+
+def test_a_picture_that_is_too_large_for_a_message_is_sent_smaller() -> None:
+    assert sent_image_bytes(640, 480) == 3 * 640 * 480
+    assert sent_image_bytes(1280, 720) == 3 * 640 * 360

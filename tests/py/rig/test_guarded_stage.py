@@ -68,6 +68,15 @@ def test_contact_is_found_and_pressed_in_steps(dry):
     assert rig.place().x_m == pytest.approx(0.0023)
 
 
+def test_above_the_pad_it_travels_fast_and_a_deep_press_takes_twenty_steps(dry):
+    stage, _, rig = dry
+    rig.go_above(0.006, 0)
+    assert stage.duration_s == pytest.approx(0.006 / 0.030)
+    deep = GuardedStage(stage, ORIGIN, replace(LIMITS, bottom_m=-0.004, deepest_m=0.004), lambda: np.zeros(3))
+    depths = list(deep.press(0, 0, -0.0001, 0.0036))
+    assert np.allclose(np.diff(depths), 0.0036 / 20)
+
+
 def test_slow_only_near_the_pad_and_a_reference_that_stands_askew_stops_it_too():
     stage = DryStage(ORIGIN.plus(Place(0, 0, 0.003)))
     spring = Spring(stage.position)

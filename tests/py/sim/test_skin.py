@@ -10,11 +10,12 @@ from scipy.sparse.linalg import splu
 
 from ruffini.boards import find_board
 from ruffini.errors import InputError
+from ruffini.sim.bodies import skin_unit
 from ruffini.sim.bodies.pyramid import PyramidLaw, bar_shortening, slice_stretch
 from ruffini.sim.bodies.sheet import Sheet, SheetState
 from ruffini.sim.bodies.shell import Shell
 from ruffini.sim.bodies.skin import around, bonded_modulus
-from ruffini.sim.bodies.skin_unit import SkinUnit
+from ruffini.sim.bodies.skin_unit import IDLE_PART, SkinUnit
 from ruffini.sim.bodies.splines import Line, Patch
 from ruffini.sim.bodies.tool import Grip, ToolContact
 from ruffini.sim.indenters import Indenter
@@ -195,6 +196,26 @@ def test_a_second_touch_elsewhere_is_as_on_a_fresh_skin(unit):
     second, fresh = kept(press_twice, x, other, y), pressed(other, y, 1 * MM, 2)
     np.testing.assert_allclose(second.wrench, fresh.wrench, rtol=1e-6, atol=1e-9)
     assert len(second.panel_loads) == 2  # the first one is slow to come back
+
+
+def test_a_panel_that_was_let_go_is_computed_ever_more_rarely(monkeypatch):
+    left, counts = [], []
+    for part in (0.0, IDLE_PART):
+        monkeypatch.setattr(skin_unit, "IDLE_PART", part)
+        rig = coarse_unit().rig()
+        press(rig, 0.02, 0.005, 1 * MM, 2 * MM, 3 * MM, 3 * MM, 3 * MM)
+        (panel,) = rig._panels.values()
+        balances, free = [], panel.state.free
+        monkeypatch.setattr(panel.state, "free", lambda s, free=free, balances=balances: (balances.append(s), free(s)))
+        rig.frame_s = 0.25
+        for _ in range(40):
+            rig.rest()
+        left.append(rig.displacement)
+        counts.append(len(balances))
+    assert counts[0] == 40
+    assert 10 < counts[1] < 25
+    assert np.abs(left[0]).max() > 3e-6
+    np.testing.assert_allclose(left[1], left[0], atol=1e-6)
 
 
 def loop(unit, speed_m_s, deepest=4 * MM, step=0.5 * MM):

@@ -12,11 +12,10 @@ The machine that turns a fingertip under its tools is the twin's alone: on a rea
 
 from __future__ import annotations
 
-import contextlib
 import json
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +24,17 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate import container
+from ruffini.calibrate.auto.steps import Steps
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job
 from ruffini.calibrate.fit.run import finished, run_stages
-from ruffini.calibrate.gates import Gate, failed
+from ruffini.calibrate.gates import Gate, failed, need_passed
 from ruffini.calibrate.report.html import Page
+from ruffini.calibrate.report.page import gate_table
 from ruffini.daemon import running_daemon
 from ruffini.device import Connection, Contacts
 from ruffini.device.results import Contact
-from ruffini.errors import InputError, RefusedError
+from ruffini.errors import InputError
 from ruffini.estimators.fingertip.presses import AREA, axes
 from ruffini.estimators.fingertip.report import NAMES, figures_of, is_judged
 from ruffini.estimators.task import Turned
@@ -61,7 +62,9 @@ class TipAuto:
     is_quick: bool = False
     force: bool = False
     previous: CalibrationFile | None = None
-    seconds: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._step = Steps(self.folder, self.say)
 
     def run(self) -> dict[str, Any]:
         """All steps; what `--json` prints.
@@ -91,32 +94,19 @@ class TipAuto:
             file, gates = finished(job, outcomes, more=[] if before is None else [than_before(fitted, before)])
             container.write(self.folder / "calibration.safetensors", file)
             self._page("report.html", "How presses left out of the fit are told", None, gates, fitted)
-        bad = failed(gates)
-        if bad and not self.force:
-            raise RefusedError(
-                f"not flashed, what is in force stays ({'; '.join(f'{g.name}: {g.text}' for g in bad)}): see "
-                f"{self.folder / 'report.html'}, collect more, or give --force"
-            )
+        is_passed = need_passed(gates, self.folder / "report.html", force=self.force)
         with self._step("judged after"):
             after = self._judge(file, presses, judged, "after")
         result = {
             "board": self.board.name, "quick": self.is_quick, "task": self.task.name, "unit": self.task.unit,
-            "simulated": True, "folder": str(self.folder), "seconds": self.seconds, "sha256": file.sha256.hex(),
+            "simulated": True, "folder": str(self.folder), "seconds": self._step.seconds, "sha256": file.sha256.hex(),
             "presses": {"balls": 0, "fitted": int(fitted["n_presses"]), "judged": len(judged)},
-            "passed": not bad, "before": before, "after": after, "clock": None,
+            "passed": is_passed, "before": before, "after": after, "clock": None,
             "gates": [gate._asdict() for gate in gates],
         }  # fmt: skip
         write_whole(self.folder / "result.json", json.dumps(result, indent=1).encode() + b"\n")
         self._page("auto.html", f"off by {after['error']:.3g} {result['unit']}", after, gates, fitted)
         return result
-
-    @contextlib.contextmanager
-    def _step(self, name: str) -> Iterator[None]:
-        start = time.monotonic()
-        self.say(f"{name} ...")
-        yield
-        self.seconds[name] = time.monotonic() - start
-        self.say(f"{name}: {self.seconds[name]:.0f} s")
 
     def _fitting(self) -> Callable[[str, float], None]:
         tell = tenths("fit", self.say)
@@ -178,10 +168,7 @@ class TipAuto:
         page.heading("Presses left out of the fit")
         left = report["mean_error_of_presses_left_out"]
         page.table(("eyes", *NAMES), [(eye, *(row[q] for q in NAMES)) for eye, row in left.items()])
-        page.heading("Gates")
-        words = {True: "ok", False: "FAILS", None: "not judged"}
-        kinds = ["ok" if g.ok else "bad" for g in gates]
-        page.table(("", "gate", "what"), [(words[g.ok], g.name, g.text) for g in gates], kinds)
+        gate_table(page, gates)
         page.write(self.folder / name)
 
 

@@ -6,7 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ruffini.calibrate.gates import Gate
 from ruffini.calibrate.report.html import Page
+from ruffini.calibrate.report.page import gate_table
 from ruffini.errors import InputError
 
 STEPS = {"balls": "ball presses, for the colours", "fitted": "touches that it is fitted to",
@@ -46,11 +48,7 @@ def write_auto_page(path: Path, result: dict[str, Any]) -> None:
     steps = [(name, f"{s / 60:.1f}") for name, s in result["seconds"].items() if s >= LEAST_SHOWN_S]
     page.table(("step", "minutes"), steps)
     page.text(clock_text(result["clock"]))
-    page.heading("Gates")
-    words = {True: "ok", False: "FAILS", None: "not judged"}
-    kinds = {True: "ok", False: "bad", None: "open"}
-    page.table(("", "gate", "what"), [(words[g["ok"]], g["name"], g["text"]) for g in result["gates"]],
-               [kinds[g["ok"]] for g in result["gates"]])  # fmt: skip
+    gate_table(page, [Gate(**gate) for gate in result["gates"]])
     page.link("report.html", "How the calibration errs on the touches that it was fitted to")
     page.write(path)
 

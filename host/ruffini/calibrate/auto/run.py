@@ -18,8 +18,8 @@ import contextlib
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,12 +29,12 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.auto.page import write_auto_page
+from ruffini.calibrate.auto.steps import Steps
 from ruffini.calibrate.auto.truth import Truth
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome
 from ruffini.calibrate.fit.run import finished, gates_of_stages, run_stages
-from ruffini.calibrate.gates import Gate, failed, gates_in
-from ruffini.errors import RefusedError
+from ruffini.calibrate.gates import Gate, gates_in, need_passed
 from ruffini.estimators.table import applying, reported_by
 from ruffini.estimators.task import Counts, Task
 from ruffini.files import read_array, write_array, write_whole
@@ -83,7 +83,9 @@ class Auto:
     previous: CalibrationFile | None = None
     force: bool = False
     is_quick: bool = False
-    seconds: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._step = Steps(self.folder, self.say)
 
     def run(self) -> dict[str, Any]:
         """All steps; what `--json` prints.
@@ -103,36 +105,20 @@ class Auto:
             path = self._collect("fitted", self.task.program, touches, self.seed + 1, first)
         with self._step("fit and report"):
             file, gates = self._fit(path, first)
-        bad = failed(gates)
-        if bad and not self.force:
-            raise RefusedError(
-                f"not flashed, what is in force stays ({'; '.join(f'{g.name}: {g.text}' for g in bad)}): see "
-                f"{self.folder / 'report.html'}, collect more, or give --force"
-            )
+        is_passed = need_passed(gates, self.folder / "report.html", force=self.force)
         self._forget("after")
         with self._step("judged after"):
             after = self._judge(file, "after")
         result = {
             "board": self.board.name, "quick": self.is_quick, "task": self.task.name, "unit": self.task.unit,
             "simulated": self.site.is_simulated, "folder": str(self.folder), "presses": self.counts._asdict(),
-            "seconds": self.seconds, "total_s": time.monotonic() - start, "sha256": file.sha256.hex(),
-            "passed": not bad, "before": before, "after": after, "clock": self._found_clock(),
+            "seconds": self._step.seconds, "total_s": time.monotonic() - start, "sha256": file.sha256.hex(),
+            "passed": is_passed, "before": before, "after": after, "clock": self._found_clock(),
             "gates": [gate._asdict() for gate in gates],
         }  # fmt: skip
         write_whole(self.folder / RESULT, json.dumps(result, indent=1).encode() + b"\n")
         write_auto_page(self.folder / "auto.html", result)
         return result
-
-    @contextlib.contextmanager
-    def _step(self, name: str) -> Iterator[None]:
-        """Times are kept, so that a run that was stopped knows what its steps took."""
-        known, start = self.folder / "seconds.json", time.monotonic()
-        self.seconds = json.loads(known.read_text()) if known.exists() else {}
-        self.say(f"{name} ...")
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.monotonic() - start
-        write_whole(known, json.dumps(self.seconds).encode())
-        self.say(f"{name}: {self.seconds[name]:.0f} s")
 
     def _found_clock(self) -> dict[str, Any] | None:
         path = self.folder / "fitted_clock.json"

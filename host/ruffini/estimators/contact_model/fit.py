@@ -32,7 +32,6 @@ from ruffini.estimators.contact_model.wrench import ContactWrench, fit_contact_w
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-N_INPUTS = N_RINGS + 2
 INPUT_STEP = np.array([2.0**-14] * N_RINGS + [2.0**-10] * 2)
 LEAST_MM, MOST_MM = 0.4, 1.8  # where the board measures hardness
 STRAIGHT = 0.1  # F_t over F_n of a press whose hardness counts

@@ -37,7 +37,6 @@ HERTZIAN = ("sphere",)
 GIVE = 1.5
 MOST_SHORE = 98.0
 LEAST_SHORE = 15.0  # softer objects give way more than the gel: the paper's force fails on Shore A 5
-NOMINAL = ("flat", 5.0, 98.0)  # the paper's: a disc of 10 mm and Shore A 98, on which depth is calibrated
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Presses on a glowing skin out of a log of `ruffini cal collect`: its pictures, and the reference's force beside each.
 
-A log keeps one picture of the untouched skin and a few of each hold, often of each n-th pixel only; of the way down it
-has none. The skin's memory starts where the tip touched, with no load then: there a row without light is put in.
+A log keeps one picture of the untouched skin, a few of the way down and of the hold, often of each n-th pixel only. The
+skin's memory starts where the tip touched, with no load then: there a row without light is put in. Without pictures of
+the way down (logs of 0.1.0) memories shorter than a hold are not known.
 """
 
 from __future__ import annotations
@@ -56,12 +57,14 @@ def pictured_presses(log: Log, name: str, board: Board) -> Iterator[PicturedPres
             continue
         time_s = a["image_s"] + float(np.median(on_reference_clock(log, touch) - a["stream_s"]))
         into_n = -np.interp(time_s, a["reference_s"], reference_in_pad(log, touch)[:, 2])
-        n_rest = int(np.argmax(into_n > TOUCHED_N))
-        if n_rest < 1:  # never pressed hard enough, or before the first picture
+        n_light = int(np.argmax(into_n > TOUCHED_N))
+        if n_light < 1:  # never pressed hard enough, or before the first picture
             continue
+        touched_s = float(touch.facts.get("touched_host_s", -np.inf))
+        n_rest = int(np.clip((time_s < touched_s).sum(), 1, n_light)) if np.isfinite(touched_s) else n_light
         step_px = int(touch.facts.get("image_step_px", 1))
         pictures = [whole(picture, step_px, board) for picture in a["image"]]
-        touched_s = min(max(float(touch.facts.get("touched_host_s", -np.inf)), time_s[n_rest - 1]), time_s[n_rest])
+        touched_s = min(max(touched_s, time_s[n_rest - 1]), time_s[n_rest])
         yield PicturedPress(f"{name}/{number}", pictures, n_rest, time_s, into_n, touched_s, place_mm)
 
 

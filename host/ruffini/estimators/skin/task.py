@@ -66,7 +66,7 @@ def _all_round(board: Board, depth_m: float, shear_m: float, reach_m: tuple[floa
 
 
 TASK = Task(
-    "skin", "balls", Counts(0, 60, 20, 0), Counts(0, 24, 6, 0), 3.4, 0.0, 10.0, "% of a force above 2 N, mean",
+    "skin", "balls", Counts(0, 60, 20, 0), Counts(0, 40, 6, 0), 3.4, 0.0, 10.0, "% of a force above 2 N, mean",
     _all_round, _straight, _straight, _skin_word, _skin_figures, _skin_left_out,
     needs_points=True,
 )  # fmt: skip

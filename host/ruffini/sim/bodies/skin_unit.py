@@ -30,6 +30,8 @@ Array = npt.NDArray[np.float64]
 SHOWN_STEP_MM = 2.5  # between lines of nodes that the renderer gets
 CLEAR_M = 3e-3  # a panel at rest is left alone while the tool is further away than this
 STILL_M = 1e-6  # a panel that moved less is at rest
+FRESH_S = 1.0  # so long every frame of a panel that was let go is computed
+IDLE_PART = 0.1  # then in steps of this part of the time since: what is left relaxes ever more slowly
 
 
 @dataclass
@@ -103,6 +105,8 @@ class _Panel:
     number: int
     state: SheetState = field(init=False)
     tool: ToolContact | None = field(init=False, default=None)
+    free_s: float = field(init=False, default=0.0)  # since it was let go
+    owed_s: float = field(init=False, default=0.0)  # of it, not computed yet
 
     def __post_init__(self) -> None:
         unit, model = self.unit, self.unit.model
@@ -122,6 +126,25 @@ class _Panel:
         a, b = unit.shown_a_mm * 1e-3, np.clip(unit.shown_b_mm * 1e-3, edges_b[0], edges_b[-1])
         self.columns = np.flatnonzero((a >= edges_a[0]) & (a <= edges_a[-1]))
         self._to_shown = sheet.shell.patch.on_grid(a[self.columns], b)
+
+    def press(self, tool: ToolContact, grip: Grip, duration_s: float) -> None:
+        """One step under a tool."""
+        self._catch_up()
+        self.free_s = 0.0
+        self.state.advance(tool, grip, duration_s)
+
+    def leave(self, duration_s: float) -> None:
+        """A time in which nothing touches it."""
+        self.tool = None
+        self.free_s += duration_s
+        self.owed_s += duration_s
+        if self.owed_s >= IDLE_PART * (self.free_s - FRESH_S):
+            self._catch_up()
+
+    def _catch_up(self) -> None:
+        if self.owed_s:
+            self.state.free(self.owed_s)
+        self.owed_s = 0.0
 
     @property
     def moved(self) -> Array:
@@ -213,7 +236,7 @@ class SkinRig:
                 panel = self._panels[number]
                 if panel.tool is None:
                     panel.tool = self._tool(self._indenter, len(panel.rest_points))
-                panel.state.advance(panel.tool, grip, step_s)
+                panel.press(panel.tool, grip, step_s)
             elif number in self._panels:
                 self._leave_alone(number, step_s)
 
@@ -230,8 +253,7 @@ class SkinRig:
     def _leave_alone(self, number: int, duration_s: float) -> None:
         """A time in which nothing touches a panel; forget it when it is at rest."""
         panel = self._panels[number]
-        panel.tool = None
-        panel.state.free(duration_s)
+        panel.leave(duration_s)
         if np.abs(panel.moved).max() < STILL_M:
             del self._panels[number]
 

@@ -66,6 +66,7 @@ class Renderer:
     views: list[Seen] = field(init=False)
     # The last light and its reasons, of lit frames and of unlit ones.
     _last: dict[bool, tuple[tuple[object, ...], Floats]] = field(init=False, default_factory=dict)
+    _deformed: tuple[bytes, DeformedSurface] | None = field(init=False, default=None)
 
     @classmethod
     def over_chart(cls, board: Board, twin: TwinSettings, n_nodes: int = 49) -> Renderer:
@@ -181,10 +182,13 @@ class Renderer:
     def _light(self, displacement_m: Array, time_s: float, conditions: Conditions, tray: TrayPose | None) -> Floats:
         """Light of all views; the last one is kept, since often nothing moves from frame to frame."""
         is_drifting = self._wear.led_drift_1e3 > 0 or bool(self.twin.warming)
-        told = (displacement_m.tobytes(), time_s if is_drifting else 0.0, conditions, tray)
+        moved = displacement_m.tobytes()
+        told = (moved, time_s if is_drifting else 0.0, conditions, tray)
         last = self._last.get(conditions.is_unlit)
         if last is None or last[0] != told:
-            deformed = self.surface.deform(displacement_m)
+            if self._deformed is None or self._deformed[0] != moved:
+                self._deformed = (moved, self.surface.deform(displacement_m))
+            deformed = self._deformed[1]
             parts = [self._view(seen, deformed, time_s, conditions, tray) for seen in self.views]
             last = self._last[conditions.is_unlit] = (told, np.concatenate(parts, axis=1))
         return last[1]
