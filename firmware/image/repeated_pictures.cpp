@@ -38,6 +38,7 @@ RepeatedPictures::RepeatedPictures(int width_px, int height_px)
       at_.push_back({kChannels * x, top + draw(band_rows_)});
     }
   }
+  offset_.resize(at_.size());
   now_.resize(static_cast<size_t>(n_bands_ * kColumns));
   before_.assign(kRemembered, now_);
 }
@@ -52,24 +53,27 @@ bool RepeatedPictures::run(const FrameView& frame) {
 }
 
 void RepeatedPictures::sum(const FrameView& frame) {
-  auto at = at_.begin();
+  if (frame.stride != stride_) {
+    stride_ = frame.stride;
+    std::transform(at_.begin(), at_.end(), offset_.begin(), [&](const auto& at) { return at[1] * stride_ + at[0]; });
+  }
+  auto offset = offset_.begin();
   for (uint32_t& cell : now_) {
     uint32_t blue_red = 0;  // sums in 16 bits each
     uint32_t green = 0;     // times 256
     uint64_t mixed = 0;
-    for (size_t i = 0; i < kSamples; ++i, ++at) {
-      const uint8_t* pixel = frame.row((*at)[1]) + (*at)[0];
+    for (size_t i = 0; i < kSamples; ++i, ++offset) {
+      const uint8_t* pixel = frame.data + *offset;
       uint16_t low = 0;
       std::memcpy(&low, pixel, sizeof(low));
       const uint32_t levels = uint32_t{low} | uint32_t{pixel[2]} << 16;
       blue_red += levels & 0xff00ff;
       green += levels & 0x00ff00;
       mixed = (mixed + levels + 1) * kMix;
-      mixed ^= mixed >> 32;
     }
     const uint32_t level = (blue_red & 0xffff) + (blue_red >> 16) + (green >> 8);
     const bool shows_something = level > 3 * kSamples * kBlack && level < 3 * kSamples * kWhite;
-    cell = shows_something ? std::max(static_cast<uint32_t>(mixed), 1U) : 0;
+    cell = shows_something ? std::max(static_cast<uint32_t>(mixed >> 32), 1U) : 0;
   }
 }
 

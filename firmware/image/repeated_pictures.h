@@ -1,11 +1,12 @@
 // Detects pictures, or parts of them, that a live camera has delivered before.
 //
 //   cell    a quarter of the width of a band of rows; about 30 bands, each a multiple of 8 rows
-//   hash(c) of kSamples pixels of cell c, whose places are drawn once; 32 bits. Cells that are black or white on average
-//           (kBlack, kWhite) are not compared
+//   hash(c) of kSamples pixels of cell c, whose places are drawn once: the upper half of the sum of (BGR + 1) kMix^i
+//           modulo 2^64. Cells that are black or white on average (kBlack, kWhite) are not compared
 //   old     at least kMinCells cells have the hash that they had in one of the last kRemembered pictures
 //
-// Sensor noise makes an equal hash of kSamples pixels practically impossible. A V4L2 driver has at most 32 buffers
+// Sensor noise makes an equal hash of kSamples pixels practically impossible; with 12 of them, dark cells of a fingertip
+// repeated among the rest frames. A V4L2 driver has at most 32 buffers
 // (VIDEO_MAX_FRAME), so an old buffer is among the last 31 pictures. Two cells are required because strong compression
 // may repeat a flat cell. If cells repeat among the rest frames, the camera has no noise: then only a picture that is
 // equal in all cells counts as old; likewise after a rest of one frame that had no older one to compare with.
@@ -38,7 +39,7 @@ class RepeatedPictures {
 
  private:
   static constexpr int kColumns = 4;
-  static constexpr size_t kSamples = 12;
+  static constexpr size_t kSamples = 16;
   static constexpr size_t kRemembered = 31;
   static constexpr int kMinCells = 2;
   using Cells = std::vector<uint32_t>;  // hash of each; 0: shows nothing
@@ -55,6 +56,8 @@ class RepeatedPictures {
   int band_rows_;
   int n_bands_;
   std::vector<std::array<int32_t, 2>> at_;  // first byte in its row, and row, of each sample, cell by cell
+  std::vector<ptrdiff_t> offset_;           // of each sample in a picture of stride_
+  ptrdiff_t stride_ = 0;
   Cells now_;
   std::vector<Cells> before_;  // a ring
   size_t n_before_ = 0;
