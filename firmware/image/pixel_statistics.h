@@ -19,7 +19,6 @@
 // all channels; JPEG lowers colour to 0.23 to 0.68 on skins with coloured light, on grey ones only below a quality of 75.
 // In recordings that were compressed from the start, presses lower it to 0.84. Limits: ties and colour need rest frames
 // of this camera; levels need kFewest windows in each third and a ratio of 1.2 between the thirds.
-// Frames that were compressed when rest was learned have not been tried.
 // Frame thread; no allocation after the constructor but in learn(). Not in the papers.
 #pragma once
 

@@ -5,8 +5,8 @@
 //           modulo 2^64. Cells that are black or white on average (kBlack, kWhite) are not compared
 //   old     at least kMinCells cells have the hash that they had in one of the last kRemembered pictures
 //
-// Sensor noise makes an equal hash of kSamples pixels practically impossible; with 12 of them, dark cells of a fingertip
-// repeated among the rest frames. A V4L2 driver has at most 32 buffers
+// Sensor noise makes an equal hash of kSamples pixels practically impossible, also in the
+// dark cells of a fingertip, which 12 do not. A V4L2 driver has at most 32 buffers
 // (VIDEO_MAX_FRAME), so an old buffer is among the last 31 pictures. Two cells are required because strong compression
 // may repeat a flat cell. If cells repeat among the rest frames, the camera has no noise: then only a picture that is
 // equal in all cells counts as old; likewise after a rest of one frame that had no older one to compare with.

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
 import os
 import stat
 import tokenize
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from ruffini.errors import InputError
 
 MOST_BYTES = 1 << 30  # of a file that is read into memory as a whole
 MOST_ARRAY_BYTES = 4 << 30  # of a dataset of an HDF5 file
+LOCK_FILE = ".lock"
 
 
 def readable(path: Path, most_bytes: int | None = MOST_BYTES) -> Path:
@@ -94,6 +97,25 @@ def write_new(path: Path, data: bytes, *, mode: int = 0o644) -> None:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink()
+
+
+@contextlib.contextmanager
+def only_writer(folder: Path) -> Iterator[None]:
+    """Make a folder, and keep other programs from doing the same work in it. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / LOCK_FILE).open("w")
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written ({error.strerror}): choose another --out") from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InputError(f"{folder}: another run writes there now: wait for it, or choose another --out") from error
+        try:
+            yield
+        finally:
+            (folder / LOCK_FILE).unlink(missing_ok=True)
 
 
 def dataset_values(node: Any, where: str) -> npt.NDArray[Any]:

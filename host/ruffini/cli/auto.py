@@ -56,6 +56,7 @@ def auto(
     from ruffini.calibrate.auto.run import Auto
     from ruffini.estimators.table import task_of
     from ruffini.estimators.task import Turned
+    from ruffini.files import only_writer
 
     found = find_board(board)
     task = task_of(found)
@@ -80,7 +81,8 @@ def auto(
     else:
         site = _real(found, task, Path(rig), depth_m, shear_m, before, points, folder, is_forced=force)
     counts = task.quick if quick else task.whole
-    result = Auto(found, task, site, folder, counts, seed, note, before, force, is_quick=quick).run()
+    with only_writer(folder):
+        result = Auto(found, task, site, folder, counts, seed, note, before, force, is_quick=quick).run()
     after, mark = result["after"], "SIMULATED, " if site.is_simulated else ""
     n_presses = counts.balls + counts.fitted + counts.judged * (2 if result["before"] else 1)
     emit(
@@ -96,8 +98,10 @@ def _turned(
 ) -> None:
     """Turned under several tools: only the twin's bench does that by itself."""
     from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm
+    from ruffini.files import only_writer
 
-    result = TipAuto(board, task, folder, eyes_apart_mm(board), note, quick, force, before).run()
+    with only_writer(folder):
+        result = TipAuto(board, task, folder, eyes_apart_mm(board), note, quick, force, before).run()
     after, mean = result["after"], result["after"]["mean"]
     was = "" if result["before"] is None else f"{1e-3 * result['before']['error']:.3f} N before, now "
     emit(

@@ -162,6 +162,7 @@ def _by_log(
         return
     log = LogWriter(out, {"board": board.name, "program": LOG, "tip": _tip(settings, options.ball_mm)})
     with contextlib.ExitStack() as stack:
+        stack.enter_context(log.locked())
         if settings is None:
             parts, path = open_logged(stack, board, options, log.side_file("reference.csv"))
             note(f"SIMULATED bench of {board.name}")

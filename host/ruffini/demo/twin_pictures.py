@@ -88,6 +88,7 @@ def _touches(board: Board, out: Path, results: Results, truth: dict[str, Any], b
     if is_unrolled and told:
         numbers = {int(truth["touch"][i]) for i in told} - {-1}
         frames = [max((i for i in told if truth["touch"][i] == k), key=lambda i: float(size[i])) for k in numbers]
+        frames = frames or [strongest]
     touches = [touch for i in frames for touch in _beside_truth(board, found[i].contacts, truth["force"][i])]
     places = np.array([contact.center for contact in found[strongest].contacts]).reshape(-1, 2) * 1e3
     return touches_on_body(

@@ -65,11 +65,11 @@ def collect(
     InputError
         The reference uses another unit, or its axes are swapped; another program collects into the same log.
     """
-    kept = log.touches()
-    open_items = [(i, item) for i, item in enumerate(plan) if i not in kept]
     n_redone = 0
-    bench.guide.begin(plan, list(kept))
     with log.locked():
+        kept = log.touches()
+        open_items = [(i, item) for i, item in enumerate(plan) if i not in kept]
+        bench.guide.begin(plan, list(kept))
         with bench.safely():
             if open_items:
                 _recall(bench, kept)

@@ -20,8 +20,8 @@ ForceOf = Callable[[], Array]  # force ON the pad, (3,) or more, N; NaN where it
 TRAVEL_M_S, APPROACH_M_S, PRESS_M_S = 0.030, 0.010, 0.001  # sideways above the pad, down to it, into it
 CONTACT_N = 0.09
 STEP_M = 1e-4
-MOST_STEPS = 20  # of a press: a deep one is made in longer steps
 APPROACH_STEP_M = 2e-4  # what a machine that cannot be stopped within a move still goes
+MOST_STEPS = 20  # of a press: a deep one is made in longer steps, at most APPROACH_STEP_M each
 FREE_STEPS = 4  # before the one that found the contact: a soft pad gives way before it pushes back with CONTACT_N
 LOST_STEPS_M = 1e-4  # the pad is not where it was
 NEAR_M = 3e-4  # above a contact that is known: from there on in small steps
@@ -128,10 +128,10 @@ class GuardedStage:
         return z_m
 
     def press(self, x_m: float, y_m: float, contact_z_m: float, depth_m: float) -> Iterator[float]:
-        """From a contact deeper in steps of 0.1 mm, at most MOST_STEPS; yields the depth at which it stands."""
+        """From a contact deeper, in steps of 0.1 to 0.2 mm; yields the depth at which it stands."""
         if not 0 < depth_m <= self.limits.deepest_m:
             raise RefusedError(f"a depth of {1e3 * depth_m:g} mm is not within 0 to {1e3 * self.limits.deepest_m:g} mm")
-        n = min(max(1, round(depth_m / STEP_M)), MOST_STEPS)
+        n = max(1, min(round(depth_m / STEP_M), MOST_STEPS), int(np.ceil(depth_m / APPROACH_STEP_M - 1e-9)))
         for step in range(1, n + 1):
             depth = depth_m * step / n
             self._move(Place(x_m, y_m, contact_z_m - depth), PRESS_M_S)

@@ -90,10 +90,14 @@ class LogWriter:
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """Keep other programs from collecting into this log. Raises InputError where one does."""
-        with (self._folder / "log.json").open("rb") as lock:
+        try:
+            lock = (self._folder / "log.json").open("r+b")
+        except FileNotFoundError as error:
+            raise InputError(f"{self.path}: another program has completed it: give another --out") from error
+        with lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
+            except BlockingIOError as error:
                 raise InputError(f"{self._folder}: another program collects into it now: give another --out") from error
             yield
 

@@ -109,6 +109,11 @@ class CalibratingLine(SharedLine):
         self._hand_over()
         self._problem = f"{self.port} is not open again yet"
 
+    def _say_lost(self, problem: str) -> None:
+        if self._stand_in is not None:
+            self._stand_in = Refusal(Schema.own(), problem)
+        super()._say_lost(problem)
+
     def _say_open(self) -> None:
         """The port is open again: it belongs to the pages."""
         self._stand_in = None

@@ -166,7 +166,9 @@ def test_two_programs_do_not_collect_into_one_log(tmp_path: Path) -> None:
     first, second = LogWriter(tmp_path / "log.h5", {}), LogWriter(tmp_path / "log.h5", {})
     with first.locked(), pytest.raises(InputError, match="another program collects into it now"), second.locked():
         pass
-    with second.locked():
+    with first.locked():
+        first.finish()
+    with pytest.raises(InputError, match="another program has completed it"), second.locked():
         pass
 
 

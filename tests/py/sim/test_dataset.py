@@ -127,7 +127,7 @@ def test_another_plan_or_folder_is_refused(coarse_board, serial, tmp_path):
 def test_two_runs_do_not_write_the_same_dataset(coarse_board, tmp_path):
     with (tmp_path / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(InputError, match="another run makes this dataset"):
+        with pytest.raises(InputError, match="another run writes there now"):
             make_dataset(plan(coarse_board), tmp_path)
 
 

@@ -64,7 +64,7 @@ class TipAuto:
     previous: CalibrationFile | None = None
 
     def __post_init__(self) -> None:
-        self._step = Steps(self.folder, self.say)
+        self._step = Steps(self.folder, self.say, goes_on=False)
 
     def run(self) -> dict[str, Any]:
         """All steps; what `--json` prints.

@@ -12,11 +12,12 @@ from ruffini.files import write_whole
 
 
 class Steps:
-    """Times of the steps, kept in `folder`: a run that was stopped goes on counting."""
+    """Times of the steps, kept in `folder`. With `goes_on`, a run that was stopped goes on counting."""
 
-    def __init__(self, folder: Path, say: Callable[[str], None]) -> None:
+    def __init__(self, folder: Path, say: Callable[[str], None], *, goes_on: bool = True) -> None:
         self._known, self._say = folder / "seconds.json", say
-        self.seconds: dict[str, float] = json.loads(self._known.read_text()) if self._known.exists() else {}
+        is_begun = goes_on and self._known.exists()
+        self.seconds: dict[str, float] = json.loads(self._known.read_text()) if is_begun else {}
 
     @contextlib.contextmanager
     def __call__(self, name: str) -> Iterator[None]:

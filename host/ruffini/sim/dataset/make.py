@@ -7,15 +7,13 @@ README.md            the card, once all shards are there
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ruffini.errors import InputError
-from ruffini.files import write_whole
+from ruffini.files import LOCK_FILE, only_writer, write_whole
 from ruffini.sim.dataset import workers
 from ruffini.sim.dataset.card import card, shard_name
 from ruffini.sim.dataset.plan import PLAN_FILE, Plan, stored_plan
@@ -52,7 +50,7 @@ def make_dataset(
     RuffiniError
         A sample cannot be made or a worker was killed. What is written stays valid.
     """
-    with _only_writer(folder):
+    with only_writer(folder):
         _begin(plan, folder)
         todo = [k for k in range(plan.n_shards) if not is_whole(folder / shard_name(k), plan, k)]
         n_samples, start = 0, time.monotonic()
@@ -90,22 +88,3 @@ def _begin(plan: Plan, folder: Path) -> None:
             f"{folder} holds a dataset with another {', '.join(other)}: give the same options to go on with it, "
             "or choose another --out"
         )
-
-
-LOCK_FILE = ".lock"
-
-
-@contextlib.contextmanager
-def _only_writer(folder: Path) -> Iterator[None]:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = (folder / LOCK_FILE).open("w")
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written ({error.strerror}): choose another --out") from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise InputError(f"{folder}: another run makes this dataset now: wait for it, or stop it") from error
-        yield
-        (folder / LOCK_FILE).unlink(missing_ok=True)
