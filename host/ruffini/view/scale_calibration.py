@@ -224,7 +224,7 @@ class ScaleCalibration:
         if not self._is_calibrated and needs_ball_first(self._board):
             text += f" Note: {NEEDS_BALL}."
         if self._key_ids:
-            text += f' Note: {self._owners_way("FILE")}; at the end the button "Flash it" shows the whole command..'
+            text += f' Note: {self._owners_way("FILE")}; at the end the button "Flash it" shows the whole command.'
         choices: tuple[Choice, ...] = (BEGIN, UNDO, CLOSE) if self._is_calibrated else (BEGIN, CLOSE)
         is_bad = False
         if folder is not None:
