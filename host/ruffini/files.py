@@ -10,7 +10,7 @@ import stat
 import tokenize
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -99,6 +99,16 @@ def write_new(path: Path, data: bytes, *, mode: int = 0o644) -> None:
             temporary.unlink()
 
 
+def lock_alone(file: IO[Any], taken: str) -> None:
+    """Lock an open file until it is closed. Raises InputError, with `taken` where another program has locked it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise InputError(taken) from error
+    except OSError as error:
+        raise InputError(f"{file.name}: cannot be locked ({error.strerror}): choose a disk of this computer") from error
+
+
 @contextlib.contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
     """Make a folder, and keep other programs from doing the same work in it. Raises InputError."""
@@ -108,10 +118,7 @@ def only_writer(folder: Path) -> Iterator[None]:
     except OSError as error:
         raise InputError(f"{folder} cannot be written ({error.strerror}): choose another --out") from error
     with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(f"{folder}: another run writes there now: wait for it, or choose another --out") from error
+        lock_alone(lock, f"{folder}: another run writes there now: wait for it, or choose another --out")
         try:
             yield
         finally:

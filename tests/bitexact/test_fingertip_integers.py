@@ -22,7 +22,7 @@ from ruffini.sim.settings import load_twin
 
 BOARD = find_board(Path(__file__).parents[2] / "boards" / "stereo-fingertip")
 MOST_UN, WIDTH_PX, BASELINE_MM = 1_300_000, 320, 10
-MARKERS_LOST, OVER_RANGE, FEATURES, OTHER_PAD, VIEW_LOST = 8, 32, 2048, 4096, 16384
+MARKERS_LOST, OVER_RANGE, LIGHT, FEATURES, OTHER_PAD, VIEW_LOST = 8, 32, 1024, 2048, 4096, 16384
 VALID, INVALID = 1, 3
 WIDTHS = (11, 16, 13, 12, 14)  # of the smallest network: places, components, hidden, outputs
 
@@ -282,6 +282,22 @@ def test_features_unlike_those_of_the_fit_are_flagged(limit: tuple[int, int], *,
         assert bool(said.flags & FEATURES) == (not is_known)
         assert path.tip().is_known == is_known
         assert not path.process(frame(0, 0, 0)).flags & FEATURES
+
+
+@pytest.mark.parametrize(("offset", "is_off"), [(26, True), (-20, True), (4, False)])
+def test_a_mean_level_off_by_a_quarter_is_flagged_on_a_live_camera(offset: int, *, is_off: bool) -> None:
+    with opened(tensors(np.random.default_rng(7))) as path:
+        path.set_live()
+        for i in range(BOARD.pipeline.n_rest_frames + 1):
+            path.process(noisy(i, 0))
+        assert not path.process(noisy(99, 0)).flags & LIGHT
+        assert bool(path.process(noisy(100, offset)).flags & LIGHT) == is_off
+
+
+def noisy(seed: int, offset: int) -> npt.NDArray[np.uint8]:
+    """The untouched tip with noise of its own, and a black level."""
+    picture = frame(0, 0, 0) + np.random.default_rng(seed).normal(offset, 1.5, frame(0, 0, 0).shape)
+    return np.clip(np.round(picture), 0, 255).astype(np.uint8)
 
 
 def test_a_camera_that_moved_is_flagged() -> None:

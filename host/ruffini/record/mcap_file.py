@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import math
 import os
 import time
@@ -17,6 +16,7 @@ from ruffini.device.connection import SILENCE_S
 from ruffini.device.line import DEVICE
 from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError, NoDeviceError
+from ruffini.files import lock_alone
 from ruffini.record.recording import HELLO_ATTACHMENT, RAW_TOPIC, Recording
 from ruffini.record.ros_types import RosChannels
 from ruffini.wire import Frame
@@ -202,10 +202,7 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
     with contextlib.ExitStack() as stack:
         stream = stack.enter_context(os.fdopen(number, "wb"))
-        try:
-            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise InputError(f"{path}: another program records to it now: choose another name") from error
+        lock_alone(stream, f"{path}: another program records to it now: choose another name")
         stream.truncate(0)
         yield stream
 

@@ -7,7 +7,6 @@ collected can be lost; the log is made of them at the end.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import io
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
-from ruffini.files import dataset_values, readable, write_whole
+from ruffini.files import dataset_values, lock_alone, readable, write_whole
 
 Array = npt.NDArray[np.float64]
 
@@ -95,10 +94,7 @@ class LogWriter:
         except FileNotFoundError as error:
             raise InputError(f"{self.path}: another program has completed it: give another --out") from error
         with lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise InputError(f"{self._folder}: another program collects into it now: give another --out") from error
+            lock_alone(lock, f"{self._folder}: another program collects into it now: give another --out")
             yield
 
     def done(self) -> set[int]:

@@ -70,6 +70,21 @@ TEST_F(RepeatedPicturesTest, APartOfAnOlderPictureIsOld) {
   EXPECT_FALSE(see(torn(noisy(1002), first, 236))) << "less than a band";
 }
 
+// As a fingertip's dark cells: with fewer pixels in a hash, some repeat among the rest frames, and parts are not judged.
+TEST_F(RepeatedPicturesTest, APartIsOldWhereTheRestIsDarkAndQuiet) {
+  const auto quiet = [](unsigned seed) {
+    std::minstd_rand lot(seed);
+    std::normal_distribution<double> noise(4, 0.33);
+    Pixels pixels(size_t{3} * kWidth * kHeight);
+    for (uint8_t& level : pixels) level = static_cast<uint8_t>(std::lround(noise(lot)));
+    return pixels;
+  };
+  old_.begin_rest();
+  for (unsigned seed = 1; seed <= 8; ++seed) rest(quiet(seed));
+  EXPECT_FALSE(see(quiet(9)));
+  EXPECT_TRUE(see(torn(quiet(10), quiet(9), 60)));
+}
+
 TEST_F(RepeatedPicturesTest, BlackAndWhitePartsRepeatThemselvesWithoutAFault) {
   for (const uint8_t level : {uint8_t{0}, uint8_t{255}}) {
     const Pixels flat(size_t{3} * kWidth * kHeight, level);

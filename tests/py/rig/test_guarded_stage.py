@@ -13,7 +13,7 @@ from hang import until
 
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig.emulated_dialects import EmulatedMarlin
-from ruffini.rig.guarded_stage import CONTACT_N, DryStage, GuardedStage, Limits, force_guard, settle
+from ruffini.rig.guarded_stage import APPROACH_STEP_M, CONTACT_N, DryStage, GuardedStage, Limits, force_guard, settle
 from ruffini.rig.manual import HandPress, Target
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.stage import Place
@@ -75,6 +75,13 @@ def test_above_the_pad_it_travels_fast_and_a_deep_press_takes_twenty_steps(dry):
     deep = GuardedStage(stage, ORIGIN, replace(LIMITS, bottom_m=-0.004, deepest_m=0.004), lambda: np.zeros(3))
     depths = list(deep.press(0, 0, -0.0001, 0.0036))
     assert np.allclose(np.diff(depths), 0.0036 / 20)
+
+
+def test_no_step_of_a_press_is_longer_than_the_way_that_a_machine_goes_after_a_stop(dry):
+    stage = dry[0]
+    limits = replace(LIMITS, bottom_m=-0.007, deepest_m=0.007)
+    depths = list(GuardedStage(stage, ORIGIN, limits, lambda: np.zeros(3)).press(0, 0, -0.0001, 0.006))
+    assert np.diff([0, *depths]).max() <= APPROACH_STEP_M + 1e-9
 
 
 def test_slow_only_near_the_pad_and_a_reference_that_stands_askew_stops_it_too():

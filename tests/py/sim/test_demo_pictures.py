@@ -101,6 +101,12 @@ def test_every_board_gets_the_pictures_of_what_it_measures(name: str, drawn: Dra
         assert len(drawn.labels) == len(SHOWN[name])
 
 
+def test_a_force_only_after_the_touch_is_drawn_all_the_same(drawn: Drawn, tmp_path: Path) -> None:
+    results, truth = press_of("eltac", tmp_path, [contact(0, 0, -0.2)])
+    truth["touch"][:] = -1
+    assert pictures_of_twin(find_board("eltac"), tmp_path, results, truth, "eltac, SIMULATED")
+
+
 def test_contacts_beside_each_other_have_one_number_and_others_their_own(drawn: Drawn, tmp_path: Path) -> None:
     far = [contact(-4, 0, -1.0), contact(4, 0, -0.5), contact(90, 30, -3.0)]
     results, truth = press_of("eltac", tmp_path, far)

@@ -141,6 +141,8 @@ def test_what_a_page_asks_while_the_line_changes_hands_is_answered_at_once(
         def silent(_: str) -> None:
             for command in (zero(1), subscribe(2, wrench=1)):
                 asyncio.run_coroutine_threadsafe(ask(command), loop).result(HANG_S)
+            line.tell(line._say_lost, "the line was lost: plug the sensor in again")
+            asyncio.run_coroutine_threadsafe(ask(zero(5)), loop).result(HANG_S)
             raise NoDeviceError("nothing answers HELLO")
 
         def calibrate() -> None:
@@ -157,7 +159,8 @@ def test_what_a_page_asks_while_the_line_changes_hands_is_answered_at_once(
 
     asyncio.run(asyncio.wait_for(use(), HANG_S))
     busy = SCHEMA.enum_number("ReplyCode", "REPLY_BUSY")
-    assert answers == [(1, busy, HANDED_OVER), (2, 0, ""), (3, busy, HANDED_OVER)]
+    lost = "the line was lost: plug the sensor in again"
+    assert answers == [(1, busy, HANDED_OVER), (2, 0, ""), (5, busy, lost), (3, busy, HANDED_OVER)]
     (passed_on,) = device.heard(1)
     command: Any = SCHEMA.decode(passed_on.type, passed_on.payload)
     assert command.request_id == 4
