@@ -98,7 +98,8 @@ def test_the_verdicts_are_the_mirrors() -> None:
             curve = 255 * (np.clip(picture(), 0, 255) / 255) ** (1 + rng.choice([0.0, 0.01, 0.03]) * rng.normal())
             bright = curve * (1 + rng.choice([0.0, 0.02]) * rng.normal()) + rng.choice([0.0, 1.0, 4.0]) * rng.normal()
             grey = bright.mean(axis=2, keepdims=True)
-            bright = grey + rng.choice([1.0, 1.0, rng.uniform(0.4, 1)]) * (bright - grey)  # colours lost
+            if rng.random() < 0.4:  # colours lost; noise of the grey keeps the levels of neighbours apart
+                bright = grey + rng.uniform(0.4, 1) * (bright - grey) + rng.normal(0, 2, grey.shape)
             levels, n_lost = np.clip(np.round(bright), 0, 255).astype(np.uint8), int(rng.integers(3))
             shown.append((levels >> n_lost) << n_lost)
         pictures, out = np.array(shown), np.zeros(len(shown), np.int32)

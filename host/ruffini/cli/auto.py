@@ -70,18 +70,17 @@ def auto(
     if before is not None:
         container.check_board(before, found)
     folder = Path(tempfile.mkdtemp(prefix="ruffini-auto-")) if out is None else out
-    folder.mkdir(parents=True, exist_ok=True)
-    if isinstance(task, Turned):
-        _turned(found, task, folder, before, quick=quick, force=force, json_=json_)
-        return
-    depth_m = 1e-3 * (task.depth_mm if depth_mm is None else depth_mm)
-    shear_m = 1e-3 * (task.shear_mm if shear_mm is None else shear_mm)
-    if rig == SIMULATED:
-        site = simulated_site(found, task, folder, depth_m, shear_m, unit)
-    else:
-        site = _real(found, task, Path(rig), depth_m, shear_m, before, points, folder, is_forced=force)
-    counts = task.quick if quick else task.whole
     with only_writer(folder):
+        if isinstance(task, Turned):
+            _turned(found, task, folder, before, quick=quick, force=force, json_=json_)
+            return
+        depth_m = 1e-3 * (task.depth_mm if depth_mm is None else depth_mm)
+        shear_m = 1e-3 * (task.shear_mm if shear_mm is None else shear_mm)
+        if rig == SIMULATED:
+            site = simulated_site(found, task, folder, depth_m, shear_m, unit)
+        else:
+            site = _real(found, task, Path(rig), depth_m, shear_m, before, points, folder, is_forced=force)
+        counts = task.quick if quick else task.whole
         result = Auto(found, task, site, folder, counts, seed, note, before, force, is_quick=quick).run()
     after, mark = result["after"], "SIMULATED, " if site.is_simulated else ""
     n_presses = counts.balls + counts.fitted + counts.judged * (2 if result["before"] else 1)
@@ -98,10 +97,8 @@ def _turned(
 ) -> None:
     """Turned under several tools: only the twin's bench does that by itself."""
     from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm
-    from ruffini.files import only_writer
 
-    with only_writer(folder):
-        result = TipAuto(board, task, folder, eyes_apart_mm(board), note, quick, force, before).run()
+    result = TipAuto(board, task, folder, eyes_apart_mm(board), note, quick, force, before).run()
     after, mean = result["after"], result["after"]["mean"]
     was = "" if result["before"] is None else f"{1e-3 * result['before']['error']:.3f} N before, now "
     emit(

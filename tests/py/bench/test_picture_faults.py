@@ -84,6 +84,7 @@ FAULTS = {
     "rows aside by 2 px": (faults.slipped(0.3, 0.6, 2), PICTURE),
     "three low bits lost": (faults.posterised(3), PICTURE),
     "JPEG of quality 40": (faults.compressed(40), PICTURE),
+    "JPEG of quality 95": (faults.compressed(95), PICTURE),
     "gamma 1.06": (faults.toned(gamma=1.06), LIGHT),
     "black level +8": (faults.toned(black=8), LIGHT),
 }

@@ -87,6 +87,7 @@ FAULTS = {
     "rows aside by 2 px": (faults.slipped(0.3, 0.6, 2), PICTURE),
     "rows below by 1 px": (faults.slipped(0.3, 0.6, 0, 1), PICTURE),
     "JPEG of quality 70": (faults.compressed(70), PICTURE),
+    "JPEG of quality 95": (faults.compressed(95), PICTURE),
     "three low bits lost": (faults.posterised(3), PICTURE),
 }
 

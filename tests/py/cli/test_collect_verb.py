@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from small_board import Files, Run
 from twinless import board_without_twin
 
 from ruffini.errors import NoDeviceError
+from ruffini.files import only_writer
 from ruffini.rig.log_file import read_log
 
 RIG = """schema = 1
@@ -123,3 +125,12 @@ def test_a_tip_that_was_not_lifted_is_told(run: Run, tmp_path, monkeypatch):
     code, _, text = run("cal", "collect", "--board", "x", "--rig", "sim", "--out", tmp_path / "log.h5")
     assert code == 3
     assert "THE TIP WAS NOT LIFTED" in text
+
+
+@pytest.mark.parametrize("board", ["gelslim", "stereo-fingertip"])
+def test_two_runs_of_cal_auto_do_not_share_a_folder(run: Run, tmp_path: Path, board: str) -> None:
+    with only_writer(tmp_path):
+        code, _, err = run("cal", "auto", "--board", board, "--rig", "sim", "--quick", "--out", tmp_path)
+    assert code == 2
+    assert "another run writes there now: wait for it, or choose another --out" in err
+    assert list(tmp_path.iterdir()) == []
