@@ -40,14 +40,19 @@ RepeatedPictures::RepeatedPictures(int width_px, int height_px)
   }
   offset_.resize(at_.size());
   now_.resize(static_cast<size_t>(n_bands_ * kColumns));
+  is_quiet_.resize(now_.size());
   before_.assign(kRemembered, now_);
 }
 
-void RepeatedPictures::begin_rest() { repeats_itself_.reset(); }
+void RepeatedPictures::begin_rest() {
+  repeats_itself_.reset();
+  std::fill(is_quiet_.begin(), is_quiet_.end(), uint8_t{0});
+}
 
 bool RepeatedPictures::run(const FrameView& frame) {
   sum(frame);
   last_ = compare();
+  if (last_.most == 1 && repeats_itself_.has_value()) is_quiet_[last_.cell] = 1;
   remember();
   return last_.is_whole || (!repeats_itself_.value_or(true) && last_.most >= kMinCells);
 }
@@ -88,10 +93,23 @@ RepeatedPictures::Repeats RepeatedPictures::compare() const {
     } else {
       for (size_t i = 0; i < now_.size(); ++i) n += now_[i] != 0 && now_[i] == older[i] ? 1 : 0;
     }
-    found.most = std::max(found.most, n);
+    if (n > found.most) count_loud(older, found);
     found.is_whole = found.is_whole || (n > 0 && n == n_shown);
   }
   return found;
+}
+
+void RepeatedPictures::count_loud(const Cells& older, Repeats& found) const {
+  int n = 0;
+  size_t cell = 0;
+  for (size_t i = 0; i < now_.size(); ++i) {
+    if (now_[i] == 0 || now_[i] != older[i] || is_quiet_[i] != 0) continue;
+    ++n;
+    cell = i;
+  }
+  if (n <= found.most) return;
+  found.most = n;
+  found.cell = cell;
 }
 
 void RepeatedPictures::remember() {

@@ -35,7 +35,7 @@ class Mirror:
                 drawn = [(left + draw(width // COLUMNS), top + draw(rows)) for _ in range(SAMPLES - 1)]
                 self.places.append([(left, top), *drawn])
         self.before: list[list[int]] = []
-        self.repeats_itself = False
+        self.repeats_itself, self.quiet = False, set[int]()
 
     def cells(self, picture: Picture) -> list[int]:
         found = []
@@ -45,19 +45,22 @@ class Mirror:
                 b, g, r = (int(v) for v in picture[y, x])
                 level += b + g + r
                 mixed = (mixed + b + 256 * g + 65536 * r + 1) * 0x9E3779B97F4A7C15 % 2**64
-                mixed ^= mixed >> 32
-            found.append(max(mixed, 1) if 3 * SAMPLES * 2 < level < 3 * SAMPLES * 253 else 0)
+            found.append(max(mixed >> 32, 1) if 3 * SAMPLES * 2 < level < 3 * SAMPLES * 253 else 0)
         return found
 
     def see(self, picture: Picture, *, is_rest: bool) -> bool:
         now = self.cells(picture)
         equal = [sum(a == b != 0 for a, b in zip(now, old, strict=True)) for old in self.before]
-        self.before = [*self.before, now][-REMEMBERED:]
-        most = max(equal, default=0)
+        before, self.before = self.before, [*self.before, now][-REMEMBERED:]
+        loud = [{i for i, c in enumerate(now) if c and c == old[i]} - self.quiet for old in before]
+        most = max(map(len, loud), default=0)
         if is_rest:
             self.repeats_itself |= most > 0
             return False
-        return (most > 0 and most == sum(c != 0 for c in now)) or (not self.repeats_itself and most >= FEWEST)
+        if most == 1:
+            self.quiet |= next(cells for cells in loud if cells)
+        whole = max(equal, default=0)
+        return (whole > 0 and whole == sum(c != 0 for c in now)) or (not self.repeats_itself and most >= FEWEST)
 
 
 def test_the_flag_is_the_mirrors() -> None:

@@ -85,6 +85,21 @@ TEST_F(RepeatedPicturesTest, APartIsOldWhereTheRestIsDarkAndQuiet) {
   EXPECT_TRUE(see(torn(quiet(10), quiet(9), 60)));
 }
 
+TEST_F(RepeatedPicturesTest, ACellThatRepeatsAloneIsNotJudgedUntilTheNextRest) {
+  old_.begin_rest();
+  for (unsigned seed = 1; seed <= 8; ++seed) rest(noisy(seed));
+  const Pixels first = noisy(9);
+  EXPECT_FALSE(see(first));
+  EXPECT_FALSE(see(torn(noisy(10), first, 0, 0, kWidth / 4, 8))) << "one cell: perhaps by chance";
+  EXPECT_FALSE(see(torn(noisy(11), first, 0, 0, kWidth / 4, 16))) << "that one and another";
+  EXPECT_FALSE(see(torn(noisy(12), first, 0, 0, kWidth / 4, 16))) << "both are quiet now";
+  EXPECT_TRUE(see(torn(noisy(13), first, 0, 0, kWidth / 4, 32))) << "two others";
+  EXPECT_TRUE(see(first)) << "a whole one";
+  old_.begin_rest();
+  for (unsigned seed = 20; seed <= 28; ++seed) rest(noisy(seed));
+  EXPECT_TRUE(see(torn(noisy(30), noisy(28), 0, 0, kWidth / 4, 16)));
+}
+
 TEST_F(RepeatedPicturesTest, BlackAndWhitePartsRepeatThemselvesWithoutAFault) {
   for (const uint8_t level : {uint8_t{0}, uint8_t{255}}) {
     const Pixels flat(size_t{3} * kWidth * kHeight, level);
