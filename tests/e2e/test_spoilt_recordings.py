@@ -182,8 +182,8 @@ def test_a_topic_holds_the_messages_of_the_raw_bytes_and_no_older_ones(sensor: S
         host.subscribe(wrench=1, markers=1)
         for _ in zip(range(6), host.stream(), strict=False):
             pass
-        assert host.status() is not None
-        assert len(host.messages) > 0, "some arrived before the recording"
+        while not len(host.messages):  # what arrives before the answer is kept: some precede the recording
+            host.status()
         counts = record_stream(host, path)
     recording = Recording(path)
     in_raw = Counter(recording.schema.type_name(frame.type) for frame, _ in recording.packets())
