@@ -91,7 +91,9 @@ def test_an_upload_goes_on_where_the_line_was_unplugged(sensor: Sensor, tmp_path
 
         def watch(done: float) -> None:
             nonlocal next_pull
-            if done * n_whole >= next_pull and not (pulls and pulls[-1].is_alive()):
+            if done * n_whole >= next_pull:
+                for thread in pulls:
+                    thread.join()
                 pulls.append(threading.Thread(target=pull))
                 pulls[-1].start()
                 next_pull = next(pulled)
