@@ -10,6 +10,7 @@ from ruffini.cli.common import JsonFlag, note
 from ruffini.cli.own_camera import chosen_unit
 from ruffini.cli.view import HTTP_PORT, show_page
 
+
 def live(
     camera: Annotated[
         str | None,
