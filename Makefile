@@ -66,7 +66,7 @@ else
 test: build
 	@.ci/setup browser
 	@npm --prefix host/page --silent test
-	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) | .ci/slowest
+	@ctest --test-dir $(BUILD) --output-on-failure -j $$(($(JOBS) + 2)) | .ci/slowest
 	@$(PYTEST) tests
 endif
 

@@ -166,12 +166,28 @@ def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
             example.kill()
 
 
-def test_repeated_results_of_a_stalled_camera_are_no_frames() -> None:
-    with Device(lambda n, stamp: {"WRENCH": wrench(stamp, flags=256 if n > 1 else 0)}, rate_hz=10) as device:
+def test_a_stalled_camera_is_reported_and_its_repeated_results_are_no_frames() -> None:
+    tell = lambda n, stamp: {"WRENCH": wrench(stamp, flags=256 if 1 < n < 80 else 0)}  # noqa: E731
+    with Device(tell, rate_hz=10) as device:
         done = newtons(device.port, "3")
-    assert done.returncode == 3
-    assert "no new frame for five seconds" in done.stderr
-    assert done.stdout.count("flags 256") > 10
+    assert done.returncode == 0
+    assert done.stderr.count("no new frame for five seconds") == 1
+    assert done.stdout.count("flags 256") == 78
+    assert "frame 80 " in done.stdout.splitlines()[-1]
+
+
+def test_a_force_that_ages_is_reported_while_nothing_arrives() -> None:
+    tell = lambda n, stamp: {"STATUS": SCHEMA.new("Status"), "WRENCH": wrench(stamp, late_s=-1.0 if n < 1 else -5.0)}  # noqa: E731
+    with Device(tell) as device, running(device.port, "2") as example:
+        assert device.is_timed.wait(HANG_S)
+        assert example.stdout is not None
+        assert example.stderr is not None
+        device.send()
+        assert example.stdout.readline().endswith("  usable  SIMULATED\n")
+        said = ""
+        while "hold still" not in said:
+            said = example.stderr.readline()
+    assert "frame 0 is not usable any more" in said
 
 
 def test_it_goes_on_where_the_line_was_lost(sensor: Sensor, tmp_path: Path) -> None:
@@ -185,8 +201,9 @@ def test_it_goes_on_where_the_line_was_lost(sensor: Sensor, tmp_path: Path) -> N
         line.unplug()
         time.sleep(0.5)  # it looks for the line five times a second
         line.plug_in()
-        said, notes = example.communicate(timeout=HANG_S)
-    assert example.returncode == 0, notes
+        assert example.stderr is not None
+        said, notes = example.stdout.read(), example.stderr.read()
+        assert example.wait(HANG_S) == 0, notes
     assert notes.count("the line was lost") == 1
     assert notes.count("0001, no calibration") == 2
     assert len(said.splitlines()) >= 299

@@ -17,8 +17,10 @@ import cv2
 import numpy as np
 import pytest
 from hang import HANG_S
+from tiny_sensor import Sensor
 
 from ruffini.boards import find_board
+from ruffini.cli import main
 from ruffini.device import Connection
 from ruffini.errors import InputError
 from ruffini.frames import read_frames
@@ -118,6 +120,34 @@ def test_a_folder_plays_and_its_mark_goes_with_every_packet(
         sensor.subscribe(wrench=1)
         frames = [frame for frame, _ in itertools.islice(sensor.stream(timeout_s=HANG_S), 20)]
     assert {(frame.is_replay, frame.is_simulated) for frame in frames} == {(True, is_simulated)}
+
+
+def test_verbs_use_a_camera_of_this_computer_and_its_calibrations(
+    sensor: Sensor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    (tmp_path / "unit.safetensors").write_bytes(sensor.calibration)
+
+    def run(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["ruffini", *words])
+        code = main()
+        return code, *capsys.readouterr()
+
+    own = ("--camera", str(sensor.recording), "--board", str(sensor.board.folder))
+    code, _, said = run(*own, "cal", "flash", str(tmp_path / "unit.safetensors"))
+    assert code == 0, said
+    code, out, said = run(*own, "info", "--json")
+    assert code == 0, said
+    (told,) = json.loads(out)["sensors"]
+    assert told["calibration"]["present"], "kept from one verb to the next"
+    for words, sentence in (
+        (("--camera", "x", "--port", "y"), "give it alone"),
+        (("--board", "gelslim"), "needs --camera"),
+        (("--camera", "Nobody's camera"), "no camera"),
+    ):
+        code, _, said = run(*words, "info")
+        assert code in (2, 3)
+        assert sentence in said
 
 
 def test_a_recording_of_another_board_or_a_spoilt_mark_is_refused(video: Path, tmp_path: Path) -> None:

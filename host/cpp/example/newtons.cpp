@@ -24,9 +24,12 @@ namespace client = ruffini::client;
 namespace {
 
 constexpr int kTries = 6;
-constexpr double kReplyS = 0.5, kTimeS = 1.0;     // until a question is repeated; between two exchanges of time
-constexpr double kSilenceS = 3.0;                 // STATUS comes once a second: without a packet the line is dead
-constexpr double kNoFrameS = 5.0, kAwayS = 10.0;  // until the program gives up: the camera, the line
+constexpr double kTickS = 1.0 / 60;            // period of the control loop
+constexpr double kReplyS = 0.5, kTimeS = 1.0;  // until a question is repeated; between two exchanges of time
+constexpr double kTimeOldS = 5.0;              // the clock's error is unknown without an answer to TIME for so long
+constexpr double kSilenceS = 3.0;              // STATUS comes once a second: without a packet the line is dead
+constexpr double kNoFrameS = 5.0;              // until a stalled camera is reported
+constexpr double kAwayS = 10.0;                // until the program gives up on a lost line
 
 // Limits of this program. Yours follow from the robot's speed and from the force that does harm.
 constexpr double kMaxAgeS = 0.1, kMaxSigmaN = 0.05;
@@ -34,7 +37,7 @@ constexpr double kMaxAgeS = 0.1, kMaxSigmaN = 0.05;
 // True if the forces along `axes` (0 x, 1 y, 2 z) may be used for control. `age_s`: since mid-exposure, with its error.
 bool is_usable(const client::Wrench& wrench, const std::vector<size_t>& axes, double age_s, bool is_line_unfit,
                uint32_t health) {
-  constexpr uint32_t kOtherAxes = client::kFlagUncalibratedXy | client::kFlagUncalibratedZ;  // not VALID then
+  constexpr uint32_t kOtherAxes = client::kFlagUncalibratedXy | client::kFlagUncalibratedZ;  // their axes are not VALID
   constexpr uint32_t kNotOfForces = client::kHealthDevelopmentKey | client::kHealthLinkDegraded |
                                     client::kHealthNetwork | client::kHealthReflex | client::kHealthThrottled |
                                     client::kHealthCrashed;
@@ -83,7 +86,10 @@ class Port {
     const double end_s = now_s() + timeout_s;
     while (n_taken_ == packets_.size()) {
       pollfd wait{fd_, POLLIN, 0};
-      if (poll(&wait, 1, static_cast<int>(1e3 * std::max(end_s - now_s(), 0.0))) == 0) return Read::kNothing;
+      const int n_ready = poll(&wait, 1, static_cast<int>(1e3 * std::max(end_s - now_s(), 0.0)));
+      if (n_ready == 0) return Read::kNothing;
+      if (n_ready < 0 && errno == EINTR) continue;
+      if (n_ready < 0) return Read::kLineLost;
       uint8_t bytes[4096];
       const ssize_t n = read(fd_, bytes, sizeof bytes);
       if (n <= 0) return Read::kLineLost;
@@ -159,31 +165,39 @@ class Printer {
   // Call after each packet, and after connect(), which reads some itself.
   void watch_damage(const Port& port) {
     if (!damage_.update(port.counters().damaged(), now_s())) return;
-    std::fprintf(stderr, "%s: two frames damaged within six minutes: not for control until the cable is mended\n",
+    std::fprintf(stderr, "%s: two frames damaged within six minutes: not for control until six minutes pass without\n",
                  path_);
   }
 
-  // Prints until the line is lost, or all frames have come. Returns the problem that a reconnection cannot mend.
-  std::string print_all(Port& port) {
-    clock_error_s_ = client::kNaN;  // another session may have another clock
+  // Prints until the line is lost, or all frames have come. Each turn of the loop is one tick of a controller.
+  void print_all(Port& port) {
+    clock_error_s_ = client::kNaN;  // after a restart the device's clock begins elsewhere
     health_ = ~0U;                  // unknown until STATUS
-    double frame_s = now_s(), time_s = 0.0;
+    double frame_s = now_s(), heard_s = now_s(), time_s = 0.0;
+    bool is_stalled = false;
     while (!is_done()) {
       if (now_s() - time_s >= kTimeS) {
         time_s = asked_s_ = now_s();
-        if (!port.write_all(encoder_.ask_time(++token_))) return "";
+        if (!port.write_all(encoder_.ask_time(++token_))) return;
       }
       client::Packet packet;
-      const auto read = port.next(kSilenceS, packet);
+      const auto read = port.next(kTickS, packet);
       watch_damage(port);
-      if (read != Port::Read::kPacket) return "";
-      if (print(packet)) frame_s = now_s();
-      if (now_s() - frame_s > kNoFrameS) return "no new frame for five seconds: see the camera's cable";
+      if (read == Port::Read::kLineLost || now_s() - heard_s > kSilenceS) return;
+      if (read == Port::Read::kPacket) {
+        heard_s = now_s();
+        if (print(packet)) frame_s = now_s();
+      }
+      judge();
+      if (is_stalled != (now_s() - frame_s > kNoFrameS)) {
+        is_stalled = !is_stalled;
+        std::fprintf(stderr, "%s: %s\n", path_,
+                     is_stalled ? "no new frame for five seconds: see the camera's cable" : "frames come again");
+      }
     }
     const auto& n = port.counters();
     std::fprintf(stderr, "%llu damaged frames, %llu messages lost\n", static_cast<unsigned long long>(n.damaged()),
                  static_cast<unsigned long long>(n.lost));
-    return "";
   }
 
  private:
@@ -196,6 +210,7 @@ class Printer {
       const double sent_s = 1e-6 * static_cast<double>(time->sent_us);
       host_minus_device_s_ = (asked_s_ + answered_s - received_s - sent_s) / 2;
       clock_error_s_ = (answered_s - asked_s_ - (sent_s - received_s)) / 2;
+      answered_s_ = answered_s;
     }
     if (const auto* event = std::get_if<client::Event>(&packet.message)) {
       std::fprintf(stderr, "%s: %s: %s\n", path_, event->what.c_str(), event->text.c_str());
@@ -217,14 +232,27 @@ class Printer {
                 f[2].value);
     if (wrench->covariance) std::printf("  sigma of fz %.3f N", std::sqrt((*wrench->covariance)[2][2]));
     if (wrench->stamp.flags != 0) std::printf("  flags %u", wrench->stamp.flags);
-    const double captured_s = 1e-6 * static_cast<double>(wrench->stamp.capture_us) + host_minus_device_s_;
-    const double age_s = now_s() - captured_s + clock_error_s_;
-    const bool is_for_control = is_usable(*wrench, {2}, age_s, damage_.is_unfit(now_s()), health_);
-    std::printf("%s%s\n", is_for_control ? "  usable" : "  not for control", simulated);
+    wrench_ = *wrench;
+    was_usable_ = is_for_control();
+    std::printf("%s%s\n", was_usable_ ? "  usable" : "  not for control", simulated);
     std::fflush(stdout);
     if ((wrench->stamp.flags & client::kFlagStale) != 0) return false;
     if (n_left_ > 0) --n_left_;
     return true;
+  }
+
+  // True if the last force may be used now: its age grows while nothing arrives.
+  [[nodiscard]] bool is_for_control() const {
+    const double captured_s = 1e-6 * static_cast<double>(wrench_.stamp.capture_us) + host_minus_device_s_;
+    const double error_s = now_s() - answered_s_ < kTimeOldS ? clock_error_s_ : client::kNaN;
+    return is_usable(wrench_, {2}, now_s() - captured_s + error_s, damage_.is_unfit(now_s()), health_);
+  }
+
+  // Call at every tick, not only when a frame arrives.
+  void judge() {
+    if (!was_usable_ || is_for_control()) return;
+    was_usable_ = false;
+    std::fprintf(stderr, "%s: frame %llu is not usable any more: hold still\n", path_, number(wrench_.stamp));
   }
 
   static unsigned long long number(const client::Stamp& stamp) { return stamp.frame; }
@@ -234,9 +262,11 @@ class Printer {
   client::Encoder encoder_{std::random_device{}() | 1U};
   client::DamageWatch damage_;
   client::Hello hello_;
+  client::Wrench wrench_;    // the last one
+  bool was_usable_ = false;  // at the last tick
   uint32_t health_ = ~0U;
   uint64_t token_ = 0;
-  double asked_s_ = 0.0, host_minus_device_s_ = 0.0;
+  double asked_s_ = 0.0, answered_s_ = 0.0, host_minus_device_s_ = 0.0;
   double clock_error_s_ = client::kNaN;  // NaN: the age of a frame is not known yet
 };
 
@@ -259,8 +289,7 @@ int main(int argc, char** argv) {
     std::string problem = printer.connect(port);
     printer.watch_damage(port);
     if (problem.empty()) {
-      problem = printer.print_all(port);
-      if (!problem.empty()) return fail(argv[1], problem);
+      printer.print_all(port);
       if (!printer.is_done()) std::fprintf(stderr, "%s: the line was lost\n", argv[1]);
       connected_s = now_s();
     } else if (!printer.was_connected() || now_s() - connected_s > kAwayS) {

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ruffini.cli.common import RESUME_S, JsonFlag, ResumeOption, Settings, emit, note
+from ruffini.cli.own_camera import own_camera
 from ruffini.errors import InputError, NoDeviceError
 
 if TYPE_CHECKING:
@@ -17,14 +18,32 @@ if TYPE_CHECKING:
 
 
 def common_options(
+    context: typer.Context,
     port: Annotated[str | None, typer.Option(envvar="RUFFINI_PORT", help="Serial port of the sensor.")] = None,
     serial: Annotated[str | None, typer.Option(envvar="RUFFINI_SERIAL", help="Serial number of the sensor.")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Results only.")] = False,
     no_progress: Annotated[bool, typer.Option("--no-progress", help="No progress bars.")] = False,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|VIDEO|FOLDER",
+            help="Instead of --port: a camera at this computer, as for `ruffini live` and with its calibration; the "
+            "firmware runs here until the verb ends.",
+        ),
+    ] = None,
+    board: Annotated[
+        str | None, typer.Option(help="With --camera: board name or folder, where the camera does not tell it.")
+    ] = None,
 ) -> None:
     """Options before the verb."""
     Settings.port, Settings.serial = port, serial
     Settings.quiet, Settings.progress = quiet, not no_progress
+    if camera is not None and (port or serial):
+        raise InputError("--camera: give it alone, or --port or --serial for a sensor that runs its own firmware")
+    if camera is not None:
+        Settings.port = context.with_resource(own_camera(camera, board))
+    elif board is not None:
+        raise InputError("--board before the verb needs --camera: a sensor on a port tells its board itself")
 
 
 def open_sensor() -> Connection:

@@ -98,3 +98,14 @@ def test_a_compiler_finds_it_with_pkg_config(prefix: Path, tmp_path: Path) -> No
     assert says(tmp_path / "newtons") == "-0.0010 N\n"
     version = run("pkg-config", "--modversion", "ruffini_client", cwd=tmp_path, PKG_CONFIG_PATH=where)
     assert version.strip() == "0.1.0"
+
+
+def test_pkg_config_finds_a_multiarch_installation(tmp_path: Path) -> None:
+    """Debian's own folder of libraries is one level deeper."""
+    libraries = "lib/x86_64-linux-gnu"
+    run("cmake", "-S", ROOT / "host" / "cpp", "-B", "build", f"-DCMAKE_INSTALL_LIBDIR={libraries}", cwd=tmp_path)
+    folder = tmp_path / "usr" / libraries / "pkgconfig"
+    folder.mkdir(parents=True)
+    shutil.copy(tmp_path / "build" / "ruffini_client.pc", folder)
+    prefix = run("pkg-config", "--variable=prefix", "ruffini_client", cwd=tmp_path, PKG_CONFIG_PATH=str(folder))
+    assert Path(prefix.strip()).resolve() == tmp_path / "usr"

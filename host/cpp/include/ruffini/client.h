@@ -1,5 +1,5 @@
-// C++ client for a ruffini sensor: takes the bytes of its serial port and returns forces in newtons. README.md in this
-// folder has an example. Standard library only, no thread, no system call: the caller reads the port.
+// C++ client for a ruffini sensor: takes the bytes of its serial port and returns forces in newtons. The README of
+// host/cpp has an example. Standard library only, no thread, no system call: the caller reads the port.
 #pragma once
 
 #include "ruffini/client/damage_watch.h"  // IWYU pragma: export

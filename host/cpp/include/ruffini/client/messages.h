@@ -49,7 +49,8 @@ enum Flag : uint32_t {
 };
 inline constexpr uint32_t kKnownFlags = (kFlagRestUnverified << 1) - 1;
 
-// HealthBit of ruffini.proto: causes that last, in Status::health.
+// HealthBit of ruffini.proto, in Status::health: conditions that outlast a frame. All but DEVELOPMENT_KEY, LINK_DEGRADED,
+// NETWORK, REFLEX, THROTTLED and CRASHED forbid the use of forces for control.
 enum HealthBit : uint32_t {
   kHealthUncalibrated = 1,
   kHealthDevelopmentKey = 2,
@@ -155,7 +156,7 @@ struct Residual {
 
 enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
 
-// Messages of single stages. Numbers that are not stated, and all numbers of an invalid contact, are NaN, except
+// Parts of a contact that only some boards report. Numbers that are not stated, and all numbers of an invalid contact, are NaN, except
 // those marked "as sent".
 
 // A touch of a skin, in the camera's axes.
