@@ -182,22 +182,21 @@ std::optional<int> LightTracker::median_of(size_t channel, Side side) {
   return sorted_[static_cast<size_t>(n / 2)];
 }
 
-bool LightTracker::is_brighter(Side one, Side other) {
-  int least = 0;
-  int most = 0;
+// True if one side is brighter than the other in all channels, whichever of the two it is.
+bool LightTracker::are_unequal(Side one, Side other) {
+  int n_brighter = 0;  // channels
   for (size_t c = 0; c < 3; ++c) {
     const auto here = median_of(c, one);
     const auto there = median_of(c, other);
     if (!here || !there) return false;
     const int more = *here - *there;
     if (std::abs(more) <= kSideQ12) return false;
-    least = std::min(least, more);
-    most = std::max(most, more);
+    n_brighter += more > 0 ? 1 : 0;
   }
-  return least == 0 || most == 0;
+  return n_brighter == 0 || n_brighter == 3;
 }
 
-bool LightTracker::is_lit_from_one_side() { return is_brighter(kLeft, kRight) || is_brighter(kTop, kBottom); }
+bool LightTracker::is_lit_from_one_side() { return are_unequal(kLeft, kRight) || are_unequal(kTop, kBottom); }
 
 void LightTracker::follow(const std::array<Level, 3>& level) {
   for (size_t c = 0; c < 3; ++c) {

@@ -8,12 +8,15 @@
 // The map of each channel over the picture follows (image/light_map.h).
 //
 // One gain per channel cannot take a contact's shape, and a moved marker or a shaded eighth of the picture stops it: a
-// static contact is never learned. At 60 Hz it follows 2.9 % per second. `is_wrong`: the light differs from that at rest
-// and has not been followed yet, any of:
+// static contact is never learned. At 60 Hz it follows 2.9 % per second. `is_wrong`: the light differs from that at
+// rest and has not been followed yet, any of:
 //   still, and |m| > 4 % in a channel
-//   at least half of the samples level, and |m_B + m_G + m_R| > 18 %: no slope of the surface does that, because it takes
-//     from one lamp what it gives to another
+//   at least half of the samples level, and |m_B + m_G + m_R| > 18 %: no slope of the surface does that, because it
+//     takes from one lamp what it gives to another
 //   markers at rest, and more than a sixth of the samples not level, as when part of a lamp fails
+//   the map's `is_wrong`
+// stages/difference/light_stage.cpp adds is_lit_from_outside() and is_lit_from_one_side(), and replaces the first three
+// by an unreliable level if the calibration uses the frame's own level.
 //
 // The level is computed from one frame alone, for cameras that change white balance or exposure with every touch: mean
 // of the samples within 8 % of it in all three channels, three rounds starting from the medians. The calibration states
@@ -50,19 +53,22 @@ class LightTracker {
 
   [[nodiscard]] bool is_wrong() const { return is_wrong_ || map_.is_wrong(); }
   [[nodiscard]] const LightMap& map() const { return map_; }
-  // Returns true if an eighth of the samples exceed `level` by more than this in all three channels. With lamps of
-  // three colours at different sides, no slope of the surface does that: it takes from one lamp what it gives to
-  // another. 2.5 %: a large object raises 1 sample in 17 on the real recordings tried, presses on the twin 1 in 100.
+  // Values for `more_q12` below. 2.5 %: a large object raises 1 sample in 17 on the real recordings tried, presses on
+  // the twin 1 in 100. 8 % with targets: the tray of the pad may come closer to all lamps.
   static constexpr int kDaylightQ12 = 102;
-  static constexpr int kDaylightOnTrayQ12 = 328;  // 8 %: the tray of the pad may come closer to all lamps
+  static constexpr int kDaylightOnTrayQ12 = 328;
+  // Returns true if an eighth of the samples exceed `level` by more than `more_q12` in all three channels. With lamps
+  // of three colours at different sides, no slope of the surface does that: it takes from one lamp what it gives to
+  // another.
   [[nodiscard]] bool is_lit_from_outside(int more_q12, const LightLevel& level) const;
-  // Returns true if the median of the samples in one outer third of the picture exceeds that in the opposite third by
-  // more than 2 % in all three channels. No contact that leaves half of each third free causes this (presses on the
-  // twin 0.9 %, recorded ones on a real pad 0.7 %), nor does a camera's white balance. Not for skins that darken with
-  // depth.
+  // 2 %: presses on the twin reach 0.9 %, recorded ones on a real pad 0.7 %.
   static constexpr int kSideQ12 = 82;
+  // Returns true if the medians of two opposite outer thirds of the picture differ by more than kSideQ12 in all three
+  // channels, the same third being the brighter one in each. No contact that leaves half of each third free causes
+  // this, nor does a camera's white balance. Not for skins that darken with depth.
   [[nodiscard]] bool is_lit_from_one_side();
-  // Level of the last frame. Unreliable if fewer than an eighth of the samples agree, or beyond 25 %.
+  // Level of the last frame. It is unreliable if fewer than an eighth of the samples agree, or if a channel's level
+  // exceeds 25 %.
   [[nodiscard]] const LightLevel& level() const { return level_; }
   [[nodiscard]] bool is_level_reliable() const { return is_level_reliable_; }
   [[nodiscard]] const Rest::Gain& gain() const { return gain_; }
@@ -74,7 +80,7 @@ class LightTracker {
   };
   enum Side : uint8_t { kLeft = 1, kRight = 2, kTop = 4, kBottom = 8 };
   [[nodiscard]] std::optional<int> median_of(size_t channel, Side side);
-  [[nodiscard]] bool is_brighter(Side one, Side other);
+  [[nodiscard]] bool are_unequal(Side one, Side other);
   void sample(std::span<const RelativeChange> change);
   [[nodiscard]] Level level_of(size_t channel);
   void measure(const std::array<Level, 3>& start);

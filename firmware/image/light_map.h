@@ -5,21 +5,22 @@
 //   every 16 frames without a marker off its rest: r = mean of the samples, relative to the map in force
 //   fit:     a_k = sum(e q_k) / sum(q_k^2), three rounds starting at the median; e = r - fit, clamped to +-1.5 % in the
 //            first round, then zero where beyond 0.5 %
-//   smooth:  at most 1/32 of the samples are more than 1 % off the fit in any channel
-//   smooth:  c_k += clamp(a_k / 4, +-2^-12), and the rate v_k follows that step by a 64th
-//   else:    c_k += v_k, v_k -= v_k / 256: the lamps go on as before the contact
+//   smooth   means: at most 1/32 of the samples are more than 1 % off the fit in any channel
+//   if smooth:  c_k += clamp(a_k / 4, +-2^-12), and the rate v_k follows that step by a 64th
+//   else:       c_k += v_k, v_k -= v_k / 256: the lamps go on as before the contact
 //
 // A contact has edges that no polynomial of order four can follow: the samples that it shades are excluded from the
 // fit, and if they are more than a 32nd of all samples, nothing is learned. During a contact only the rate from before
 // it counts. The constant term is the gain's: it comes from this fit if the gain is not followed frame by frame.
 //
 // `is_wrong`, any of:
-//   far       a smooth fit varies over the picture by more than 0.4 % from its mean. With markers at rest the map follows, and the
-//             flag ends once it has. Without markers the change could be a large smooth object: it is not followed, and
-//             the flag stays until the light returns or rest is learned again.
-//   unlike    markers are at rest, but the change is not smooth and its fit exceeds 1 %: a failed lamp or a shadow.
+//   far       a smooth fit deviates by more than 0.4 % from its mean somewhere in the picture. With markers at rest the
+//             map follows, and the flag ends once it has. Without markers the change could be a large smooth object: it
+//             is not followed, and the flag stays until the light returns or rest is learned again.
+//   unlike    markers are at rest, the change is not smooth, and its fit deviates by more than 1 % from its mean: a
+//             failed lamp or a shadow.
 //   at limit  a coefficient is at 1/8.
-//   stale     the extrapolation since the last smooth window is beyond 1 %.
+//   stale     the extrapolation since the last smooth window exceeds 1 % in a term.
 //
 // At 60 Hz the map follows 0.09 % a second in each term. Frame thread; no allocation after the constructor. Not in the
 // papers.

@@ -11,12 +11,13 @@
 //   coarse      ties > 1.2 ties of the rest frames + 0.01: noise is missing, so bits were lost or the picture is
 //               compressed;
 //               or colour < 0.7 of the rest frames': noise of the colours is missing, as after JPEG
-//   off curve   |dark + bright| / 2 > 0.8 % with the same sign in all channels, and bright - dark has the opposite sign
-//               and more than a tenth of it: an offset (black level, daylight) or a gamma. Lamps and exposure
-//               change all levels by the same share instead
+//   off curve   o = (dark + bright) / 2: |o| > 0.8 % with the same sign in all channels, and the sum over the channels
+//               of bright - dark has the opposite sign and more than a tenth of the sum of |o|: an offset (black
+//               level, daylight) or a gamma. Lamps and exposure change all levels by the same share instead
 //
-// On the twins a press changes ties by at most 5 % of their value, lowers colour by at most 8 %, and never reaches 0.8 % in
-// all channels; JPEG lowers colour to 0.23 to 0.68 on skins with coloured light, on grey ones only below a quality of 75.
+// On the twins a press changes ties by at most 5 % of their value, lowers colour by at most 8 %, and never reaches
+// 0.8 % in all channels; JPEG lowers colour to 0.23 to 0.68 on skins with coloured light, on grey ones only below a
+// quality of 75.
 // In recordings that were compressed from the start, presses lower it to 0.84. Limits: ties and colour need rest frames
 // of this camera; levels need kFewest windows in each third and a ratio of 1.2 between the thirds.
 // Frame thread; no allocation after the constructor but in learn(). Not in the papers.

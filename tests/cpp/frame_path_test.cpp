@@ -202,7 +202,6 @@ TEST(FramePath, WhatAWrongFrameSaysIsInvalidInEveryQuantity) {
   }
 }
 
-// What a pad lost to an old press must not be taken off the next force once the user has said "this is rest".
 // Of a camera alone: a recording may well show the same picture twice.
 TEST(FramePath, ARepeatedOrBrokenPictureOfACameraIsFlaggedAndNoForceIsValid) {
   PressedSensor sensor;
@@ -297,6 +296,7 @@ TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
   EXPECT_EQ(dark.path->rest_watch().n_accepted, 0U);
 }
 
+// The relaxation of an old press must not be subtracted from later forces once rest has been learned again.
 TEST(FramePath, ANewRestForgetsWhatThePadWentThrough) {
   const auto relearnt = [](PressedSensor& sensor) {
     sensor.learn();

@@ -1,5 +1,6 @@
 // Drift of lamps and exposure (image/light.h), corrected from the next frame on; the current frame has been compared
-// already. For boards that convert colours to depth, and for boards with targets, which must stay visible.
+// already. Runs if the calibration has kind `photometric` (colours become depth), and on boards with targets, whose
+// edges depend on the light.
 #include <algorithm>
 #include <cstdlib>
 
@@ -9,9 +10,9 @@
 namespace ruffini {
 namespace {
 
-// Light that deviates by more than 0.05 % from the followed light for this many frames (image/light.h follows a
-// sixteenth per frame) causes depth like that of a faint touch. A real touch changes the median by less, or is detected
-// before the light has drifted for so many frames.
+// The light drifts if a channel's gain moves by 1/32,768 or more in each of kDriftFrames frames: since the gain follows
+// a sixteenth of the deviation per frame (image/light.h), the light is then 16/32,768 = 0.05 % off. That causes depth
+// like that of a faint touch. A real touch changes the median by less, or is detected within these frames.
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
 

@@ -2,16 +2,17 @@
 //
 //   linear       y = K f                                      6 x n, per axis a shift; the paper's K
 //   quadratic    e_i = y_i + sum_{j <= k} q_ijk u_j u_k       u = y / full scale, Q14, within +-2
-//   kernel       e_i += o_i + sum_j w_ij k(|P f - c_j|)    what is not linear about the features: stages/feature_wrench/kernel_map.h
-//   temperature  e_i as of the calibration's temperature       stages/feature_wrench/wrench_warmth.h
-//   relaxation   w_i = e_i - sum_t g_ti h_ti,  tau_t dh_ti/dt = e_i - h_ti     what a held load loses (solve/relaxation.h)
-//   agreement    |f_m - (G s + H s s)_m| <= tolerance_m       s: as u, of e; G, H: features that a wrench makes. Else the
-//                                                             features contradict each other: some are not what they seem
-//   covariance   sum v v^T of 6 constant vectors, and of 6 vectors that grow with |s| and with the distance from what was
-//                fitted: positive semi-definite in integers
+//   kernel       e_i += o_i + sum_j w_ij k(|P f - c_j|)       terms not linear in the features: kernel_map.h
+//   temperature  e_i as of the calibration's temperature      wrench_warmth.h
+//   relaxation   w_i = e_i - sum_t g_ti h_ti,  tau_t dh_ti/dt = e_i - h_ti     loss of a held load (solve/relaxation.h)
+//   agreement    |f_m - (G s + H s s)_m| <= tolerance_m       s: as u, of e; G, H: features of a wrench. Beyond it the
+//                                                             features contradict each other: some are wrong
+//   covariance   sum v v^T of 6 constant vectors, and of 6 vectors that grow with |s| and with the distance from the
+//                fitted features: positive semi-definite in integers
 //
-// y and e in 1/16 uN and uN mm. Any features: targets (image/targets.h) or markers; the table says how many, and which axes
-// it was fitted on. Only K is from the paper. Frame thread; no allocation after load.
+// y and e in 1/16 uN and uN mm. Any features: targets (image/targets.h), markers, or changes of the picture
+// (stages/picture_features); the table states their number and the axes that it was fitted on. Only K is from the
+// paper. Frame thread; no allocation after load.
 #pragma once
 
 #include <array>

@@ -1,13 +1,14 @@
 // How much the light has changed over a coarse grid on the gel: features of a wrench for gels without markers.
 //
-//   u = A / (A + B),  A = L_left(p) k_right,  B = L_right(p) k_left      p: pixel, L: signed distance to an edge of the gel
-//   cell = (floor(n_x u), floor(n_y v))                                  v alike, of the edges at the top and the bottom
-//   f_ck = (2^4 sum of d_c over the pixels of cell k) / (pixels of k)    Q16 of rest, rounded half up; d: image/difference.h
+//   u = A / (A + B),  A = L_left(p) k_right,  B = L_right(p) k_left    p: pixel, L: signed distance to the gel's edge
+//   cell = (floor(n_x u), floor(n_y v))                                v: likewise, of the top and bottom edge
+//   f_ck = (2^4 sum of d_c over the pixels of cell k) / (pixels of k)  Q16 of rest, half up; d: image/difference.h
 //
-// The gel is a quadrilateral in the picture, seen in perspective; k_left and k_right are the distances of the vanishing
-// point of its other two edges to these two, so that u is the place on the gel. The map from pixels to cells is made once,
-// as runs along the rows: a frame costs one pass of additions over the gel's pixels. Not in the papers. Frame thread; no
-// allocation after the constructor.
+// The gel is a quadrilateral in the picture, seen in perspective. Its top and bottom edge meet in a vanishing point;
+// k_left and k_right are the distances of this point from the left and the right edge. They make u the place on the gel
+// from the left edge (0) to the right one (1). The map from pixels to cells is made once, as runs along the rows: a frame
+// costs one pass of additions over the gel's pixels. Not in the papers. Frame thread; no allocation after the
+// constructor.
 #pragma once
 
 #include <array>

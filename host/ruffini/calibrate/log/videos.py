@@ -9,11 +9,13 @@ What the load cell reads while rest is learned, in the first frames, is its zero
                                       # group are of one object, and left out together; else each video is alone
     largest_jump = 10.0               # optional, in the unit, above zero: readings of neighbouring frames that differ
                                       # by more are glitches, left out
-    rigid = ["steel_ball"]            # optional, the next three with it: objects (`recording`) as hard as they come,
-                                      # of which softness is fitted
-    squeeze_n = [0.7, 3.0]            # forces between which a squeeze is judged, N
-    modulus_pa = { foam = 40000 }     # optional: moduli of objects over 1 - nu^2; default: the scale of the board's pad
-    like = [["foam", "hard_foam"]]    # optional: objects of one shape, the softest first, by which it is judged
+    rigid = ["steel_ball"]            # for stage softness only: rigid objects (first group of `recording`) that it is
+                                      # fitted to; needs `squeeze_n`
+    squeeze_n = [0.7, 3.0]            # only with `rigid`: forces between which a squeeze is judged, N
+    modulus_pa = { foam = 40000 }     # optional, with `rigid`: moduli of objects over 1 - nu^2; default: the scale of
+                                      # the board's pad
+    like = [["foam", "hard_foam"]]    # optional, with `rigid`: objects of one shape, the softest first, whose order
+                                      # judges the fit
 """
 
 from __future__ import annotations
