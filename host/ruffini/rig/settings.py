@@ -180,8 +180,10 @@ class StageSettings(_Section):
         """
         is_tube = board.skin is not None and board.skin.shape == "tube"
         if is_tube and self.rotary_axis is None:
-            raise InputError(f"board {board.name!r} is a tube, and this stage only moves straight: give [stage] rotary_axis, "
-                             'the axis in degrees that turns the tube under the tip, e.g. "A"')  # fmt: skip
+            raise InputError(
+                f"board {board.name!r} is a tube, and this stage only moves straight: give [stage] rotary_axis, the "
+                'axis in degrees that turns the tube under the tip, e.g. "A"'
+            )
         if not is_tube and self.rotary_axis is not None:
             raise InputError(f"board {board.name!r} is no tube: take rotary_axis out of [stage]")
         if board.skin is None or self.rotary_axis is None:
