@@ -108,12 +108,6 @@ def of_stage(stage: str, gates: Sequence[Gate]) -> list[Gate]:
     return [gate._replace(stage=gate.stage or stage) for gate in gates]
 
 
-def manifest_of(report: dict[str, Any], gates: Sequence[Gate]) -> dict[str, str]:
-    """`residuals` and `gates` of a manifest: the report's figures, and PASSED or what failed (proto/CALIBRATION.md)."""
-    tree = {**report, "gates": [gate._asdict() for gate in gates]}
-    return {"residuals": json.dumps(tree), **({"gates": verdict(gates)} if gates else {})}
-
-
 def verdict(gates: Sequence[Gate]) -> str:
     """PASSED, or the names of the gates that failed, as a manifest has it."""
     bad = failed(gates)
