@@ -6,6 +6,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from small_board import Files, Run
 from test_dark_verb import write_dark
@@ -43,6 +44,22 @@ def test_tables_of_one_stage_are_added_to_the_calibration_before(files: Files, r
     assert json.loads(text)["frames"] == 12
     assert json.loads(file.metadata["residuals"])["stages"]["dark"]["frames"] == 12
     assert "gates" not in file.metadata  # nobody has judged the rest
+
+
+def test_tables_that_belong_together_go_together(files: Files, run: Run, tmp_path: Path) -> None:
+    """A second pass stays with no operator but its own, and what relaxes is in the operator that it is solved for."""
+    first, out = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
+    words = ("cal", "fit", "--only", "operator", "--board", files.folder, "--touches", 0)
+    assert run(*words, "--out", first)[0] == 0
+    with_memory = container.read(first)
+    memory = {"relaxation.part": np.array([2**18], np.int32), "relaxation.time_ms": np.array([100], np.int32)}
+    container.write(first, container.pack({**with_memory.tensors, **memory}, with_memory.metadata))
+    assert run(*words, "--previous", first, "--out", out)[0] == 0
+    modulus_pa, _, _ = (float(v) for v in container.read(out).metadata["operator.material"].split(","))
+    assert modulus_pa == pytest.approx(files.board.pad.modulus_pa / (1 - 0.25 * (1 - np.exp(-5))), rel=1e-4)
+    assert container.read(out).kinds == ["operator", "relaxation", "support"]
+    assert run(*words, "--previous", first, "--method", "optimal", "--out", out)[0] == 0
+    assert "support" not in container.read(out).kinds
 
 
 def test_numbers_for_the_operator_are_json_with_their_gates(

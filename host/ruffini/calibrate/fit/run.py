@@ -110,7 +110,7 @@ def write_numbers(out: Path, job: Job, outcome: Outcome) -> list[Gate]:
 
 
 def _without_stage(base: CalibrationFile, stage: str, serial: str) -> CalibrationFile:
-    """The previous calibration without the gates of a stage that is fitted again, of the sensor `serial`."""
+    """The previous calibration without tables and gates of a stage that is fitted again, of the sensor `serial`."""
     theirs = base.metadata["sensor_serial"]
     if serial != "*" and theirs not in ("*", serial):
         raise RefusedError(
@@ -123,7 +123,9 @@ def _without_stage(base: CalibrationFile, stage: str, serial: str) -> Calibratio
         kept = [gate for gate in rows if gate.stage != stage]
         tree = {**container.residuals(base), "gates": [gate._asdict() for gate in kept]}
         metadata |= {"residuals": json.dumps(tree)} | ({"gates": verdict(kept)} if "gates" in metadata else {})
-    return container.pack(base.tensors, metadata)
+    of_others = {name: text for name, text in metadata.items() if name.split(".")[0] not in BY_NAME[stage].kinds}
+    tensors = {name: table for name, table in base.tensors.items() if name.split(".")[0] not in BY_NAME[stage].kinds}
+    return container.pack(tensors, of_others)
 
 
 def _said(logs: list[Path]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

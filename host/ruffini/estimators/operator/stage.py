@@ -24,6 +24,7 @@ from ruffini.estimators.operator.page import write_page
 from ruffini.estimators.operator.report import report_of
 from ruffini.estimators.operator.task import TASK
 from ruffini.estimators.relaxation.fit import read_relaxation
+from ruffini.estimators.relaxation.stage import RELAXATION
 from ruffini.fem.operators import Noise
 from ruffini.fem.ridge_weight import RULES, picture, weight_curve
 
@@ -66,6 +67,9 @@ class Operator(Estimator):
         if memory is not None and method != "support":
             raise InputError(f"--relaxation works on the second pass: --method support, not {method}")
         sigma_m = _micrometres(options.noise_um)
+        if memory is None and method == "support":
+            RELAXATION.keep(job)
+        gain = job.instant_gain if memory is None else memory.gain
         if options.material is None:
             MATERIAL.keep(job)
         else:
@@ -75,7 +79,7 @@ class Operator(Estimator):
             job.stiffness_sigma = board.pad.stiffness_sigma_1e3 * 1e-3
         gauge_m = _gauge_m(board, job.material, options.gauge_um)
         noise = Noise(sigma_m, gauge_m=gauge_m, tilt_m=options.tilt_um * 1e-6)
-        known = job.material if memory is None else stiffer(board, job.material, memory.gain)
+        known = job.material if gain == 1.0 else stiffer(board, job.material, gain)
         chosen = _ridge_weight(board, known, noise, options, progress)
         kind = make_operator(
             board, method=method, noise=noise, ridge_weight=chosen.weight, n_touches=job.n_error_touches,

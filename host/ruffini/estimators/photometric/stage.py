@@ -136,8 +136,8 @@ class Photometric(Estimator):
             return taken._replace(text=f"{taken.text}; the log's presses give none: {error}")
 
     def fit_alone(self, job: Job, options: PhotometricOptions, progress: Progress) -> Outcome:
-        """Fit to a folder of ball presses, whatever the log and the calibration before would give."""
-        seen = Job(job.board, [])  # with what the sensor will have
+        """Fit to a folder of ball presses, seen with camera and dark frame that the sensor will have."""
+        seen = Job(job.board, [], job.previous)
         for estimator, path in ((CAMERA, options.camera), (DARK, options.dark)):
             seen.parts = []
             if path is not None:
