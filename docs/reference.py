@@ -35,7 +35,9 @@ def verbs() -> Iterator[tuple[str, Any, str]]:
     """Name with its groups, click command and panel of the help; hidden ones are former names."""
     import typer
 
-    from ruffini.cli.app import OWN_FITS, app
+    from ruffini.cli.app import app
+    from ruffini.cli.fit import click_command
+    from ruffini.estimators.commands import COMMANDS
 
     def walk(name: str, command: Any, panel: str) -> Iterator[tuple[str, Any, str]]:
         panel = getattr(command, "rich_help_panel", None) or panel
@@ -47,10 +49,9 @@ def verbs() -> Iterator[tuple[str, Any, str]]:
                 yield from walk(f"{name} {word}".strip(), inner, panel)
 
     yield from walk("", typer.main.get_command(app), "")
-    for stage, function in OWN_FITS.items():
-        own = typer.Typer(add_completion=False)
-        own.command(stage)(function)
-        yield f"cal fit --only {stage}", typer.main.get_command(own), "Calibrate"
+    for command in COMMANDS:
+        if command.options is not None:
+            yield f"cal fit --only {command.name}", click_command(command), "Calibrate"
 
 
 def cli() -> str:

@@ -10,6 +10,9 @@ import tree_gates
 
 REPO = Path(__file__).parents[2]
 Gate = Callable[[Path], list[str]]
+PROGRAM_ROWS = (
+    'ALL = (Program("balls"), Program("indenters"))\nINDENTERS = "indenters"\nBY_STAGE = ("balls", INDENTERS)\n'
+)
 SKIN_ROW = '{.name = "skin", .reads = {}'
 README = "```sh\nmake run\nmake test\n```\n"
 
@@ -90,6 +93,26 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
             (2, ("def f(file):", '    return "skin.light" in file.tensors')),
         )
     ),
+    *(
+        (
+            tree_gates.stage_names,
+            {
+                "host/ruffini/estimators/skin/command.py": 'COMMAND = Command("skin", former_verb="touch")\n',
+                "host/ruffini/rig/program.py": PROGRAM_ROWS,
+                "host/ruffini/cli/a.py": "\n".join(lines),
+            },
+            f"host/ruffini/cli/a.py:{at} tests for the stage '{name}'",
+        )
+        for at, name, lines in (
+            (3, "skin", ('OLD = {"touch": "skin"}', "def f(only):", "    return only in OLD")),
+            (3, "skin", ('GONE = {("skin", "--method"): "x"}', "def f(stage):", '    return GONE.get((stage, "-"))')),
+            (3, "skin", ('FITS = {"skin": print}', "def f(stage):", "    return FITS[stage]")),
+            (2, "skin", ("def f(app):", '    for stage in ("skin", "touch"):', "        app.add(stage)")),
+            (2, "indenters", ("def f(task):", '    return task.program == "indenters"')),
+            (3, "indenters", ('BOLTED = ("nothing", INDENTERS)', "def f(program):", "    return program == INDENTERS")),
+            (2, "balls", ("def f(program):", "    return program in BY_STAGE")),
+        )
+    ),
     (tree_gates.test_module_names, {"tests/a/test_x.py": "", "tests/b/test_x.py": ""}, "of its own"),
     (tree_gates.workplace_paths, {"tests/a.py": 'open("/wo' + 'rk/main/x")\n'}, "workplace"),
     (tree_gates.generated_files, {"host/ruffini/ruffini_pb2.py": ""}, "generated"),
@@ -136,6 +159,9 @@ HARMLESS: list[tuple[Gate, dict[str, str]]] = [
             "firmware/core/stages.cpp": SKIN_ROW,
             "host/ruffini/calibrate/container.py": 'KINDS = {\n    "wrench": Kind(),\n}\nx = kinds - KINDS.keys()\n',
             "host/ruffini/cli/a.py": 'def f(kinds, organ):\n    n = len(kinds)\n    return n and organ == "skin"\n',
+            "host/ruffini/rig/program.py": PROGRAM_ROWS + 'def f(program):\n    return program == "balls"\n',
+            "host/ruffini/sim/a.py": 'def f(program):\n    return program == "balls"\n',
+            "host/ruffini/cli/c.py": "def f(program):\n    return PROGRAMS[program].is_by_stage\n",
             "host/ruffini/cli/b.py": 'from ruffini.cli import skin\n\nVERBS = {"skin": skin}\ntitle = "skin" + ": "\n',
         },
     ),

@@ -320,46 +320,61 @@ def seeded_bugs(root: Path) -> list[str]:
     ]
 
 
-ASKED = {"stages", "kinds", "stage", "tensors"}  # what stands for stages of a board or kinds of a calibration
-TESTS = {"isdisjoint", "issubset", "issuperset", "intersection", "difference", "count", "index", "startswith"}
+ASKED = {"stages", "kinds", "stage", "tensors", "only", "program"}  # what stands for stages, kinds or programs
+TESTS = {"isdisjoint", "issubset", "issuperset", "intersection", "difference", "count", "index", "startswith", "get"}
+OWN_NAMES = ("sim/", "cli/sim.py", "rig/program.py")  # programs are named here; those of the twin are others
 
 
 def stage_names(root: Path) -> list[str]:
-    """No module of the host outside estimators/ compares stages of a board or kinds of a calibration with a name.
+    """No module of the host outside estimators/ compares stages, kinds of a calibration or programs with a name.
 
-    Seen are comparisons, set operations and `match`, of the stages themselves or of a name that was given their value,
-    with a word or with a constant of any module that holds it.
+    Seen are comparisons, set operations, `match`, loops over names and tables that are looked up by them, of the stages
+    themselves or of a name that was given their value, with a word or with a constant of any module that holds it.
     """
-    tables = [root / "firmware/core/stages.cpp", root / "host/ruffini/calibrate/container.py"]
-    text = "".join(_text(path) for path in tables if path.is_file())
-    names = set(re.findall(r'\.name = "(\w+)"|^    "(\w+)": Kind\(', text, re.M))
-    known = {name for pair in names for name in pair if name}
+    host = root / "host/ruffini"
+    tables = [root / "firmware/core/stages.cpp", host / "calibrate/container.py", host / "rig/program.py"]
+    text = "".join(_text(path) for path in [*tables, *host.glob("estimators/*/command.py")] if path.is_file())
+    names = re.findall(r'\.name = "(\w+)"|^    "(\w+)": Kind\(|\b(?:Program|Command)\(\s*"(\w+)"', text, re.M)
+    known = {name for row in names for name in row if name} - {"log"}  # a log of touches, more often than the program
     trees = {
         path: ast.parse(_text(path))
         for path in _sources(root, "host/ruffini/")
-        if path.suffix == ".py" and not path.is_relative_to(root / "host/ruffini/estimators")
+        if path.suffix == ".py" and not path.is_relative_to(host / "estimators")
     }
-    constants = {name: words & known for tree in trees.values() for name, words in _constants(tree).items()}
+    constants = {
+        name: words & known
+        for path, tree in trees.items()
+        if path.name != "container.py"  # whose KINDS are the table itself
+        for name, words in _constants(tree).items()
+    }
     found = []
     for path, tree in trees.items():
+        if path.relative_to(host).as_posix().startswith(OWN_NAMES):
+            continue
         asked = _aliases(tree)
         for node in ast.walk(tree):
             if _is_test(node) and _names_in(node) & asked and (words := _words_in(node, constants) & known):
                 found.append(
                     f"{path.relative_to(root)}:{node.lineno} tests for the stage {sorted(words)[0]!r}: ask the board "  # type: ignore[attr-defined]
-                    "for a slot (Board.writes), or the estimators (ruffini.estimators.table)"
+                    "for a slot (Board.writes), the estimators (ruffini.estimators.table) or the program (PROGRAMS)"
                 )
     return found
 
 
 def _is_test(node: ast.AST) -> bool:
+    if isinstance(node, ast.For):  # over names that are written there
+        return isinstance(node.iter, ast.Tuple | ast.List | ast.Set)
+    if isinstance(node, ast.Subscript):
+        return isinstance(node.value, ast.Name | ast.Attribute)
     is_call = isinstance(node, ast.Call) and getattr(node.func, "attr", "") in TESTS
     return is_call or isinstance(node, ast.Compare | ast.BinOp | ast.Match)
 
 
 def _parts(node: ast.AST) -> Iterator[ast.AST]:
     """The nodes of an expression; of a `match` those of its subject and patterns, not of what its cases do."""
-    if isinstance(node, ast.Match):
+    if isinstance(node, ast.For):
+        yield from (*ast.walk(node.target), *ast.walk(node.iter))
+    elif isinstance(node, ast.Match):
         for part in (node.subject, *(case.pattern for case in node.cases)):
             yield from ast.walk(part)
     else:
@@ -394,12 +409,18 @@ def _assigned(tree: ast.AST) -> Iterator[tuple[ast.expr, ast.expr]]:
 
 
 def _constants(tree: ast.Module) -> dict[str, set[str]]:
-    """Text in the constants of a module, by name: literals alone, not tables of functions."""
-    literal = (ast.Constant, ast.Set, ast.List, ast.Tuple, ast.expr_context)
+    """Text in the constants of a module, by name: literals, and the keys and words of tables."""
+    literal = (ast.Constant, ast.Set, ast.List, ast.Tuple, ast.Starred, ast.Name, ast.expr_context)
     found = dict[str, set[str]]()
     for node in tree.body:
         for target, value in _assigned(node):
-            inner = [*ast.walk(value.args[0] if _is_set_of(value) else value)]  # type: ignore[attr-defined]
+            value = value.args[0] if _is_set_of(value) else value  # type: ignore[attr-defined]
+            parts = [value]
+            if isinstance(value, ast.Dict):
+                parts = [key for key in value.keys if key] + [
+                    one for one in value.values if isinstance(one, ast.Constant)
+                ]
+            inner = [node for part in parts for node in ast.walk(part)]
             if isinstance(target, ast.Name) and target.id.isupper() and all(isinstance(n, literal) for n in inner):
                 found[target.id] = {n.value for n in inner if isinstance(n, ast.Constant) and isinstance(n.value, str)}
     return found

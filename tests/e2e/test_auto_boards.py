@@ -21,7 +21,7 @@ from ruffini.estimators.task import Turned
 from ruffini.estimators.wrench.log import read_feature_runs
 from ruffini.rig.collect import collect, rehearse
 from ruffini.rig.log_file import LogWriter, read_log
-from ruffini.rig.program import BY_STAGE
+from ruffini.rig.program import PROGRAMS
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
 
@@ -58,7 +58,7 @@ def test_what_a_boards_estimator_presses_is_collected_or_refused_in_one_sentence
     fitted, judged = task.fitted(site.span, task.quick.fitted, 2), task.judged(site.span, task.quick.judged, 1001)
     log = LogWriter(tmp_path / "log.h5", {"board": board.name, "program": task.program, "tip": site.tip})
     with site.open(task.program, None, 2) as (bench, truth):
-        if task.program in BY_STAGE:
+        if PROGRAMS[task.program].is_by_stage:
             assert bench.stage is not None
             for touches in (fitted, judged):
                 assert rehearse(touches, bench.stage.limits).lines

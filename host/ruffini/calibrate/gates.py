@@ -11,9 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ruffini.boards import Board
-from ruffini.calibrate import container
-from ruffini.calibrate.container import FAILED, PASSED, CalibrationFile, Tensors
+from ruffini.calibrate.container import FAILED, PASSED, CalibrationFile
 from ruffini.errors import RefusedError
 from ruffini.files import readable
 
@@ -106,28 +104,8 @@ def need_passed(gates: Sequence[Gate], page: Path, *, force: bool) -> bool:
 
 
 def of_stage(stage: str, gates: Sequence[Gate]) -> list[Gate]:
-    """The gates that a stage states, marked as its own: a later fit of the stage replaces them."""
-    return [gate._replace(stage=stage) for gate in gates]
-
-
-def manifest_of(report: dict[str, Any], gates: Sequence[Gate]) -> dict[str, str]:
-    """`residuals` and `gates` of a manifest: the report's figures, and PASSED or what failed (proto/CALIBRATION.md)."""
-    tree = {**report, "gates": [gate._asdict() for gate in gates]}
-    return {"residuals": json.dumps(tree), **({"gates": verdict(gates)} if gates else {})}
-
-
-def write_judged(
-    out: Path, stage: str, gates: Sequence[Gate], board: Board | None, tensors: Tensors, report: dict[str, Any],
-    metadata: dict[str, str],
-) -> list[Gate]:  # fmt: skip
-    """Write a stage's tables with report and gates in the manifest; returns the gates, marked as the stage's own.
-
-    board : None: the tables are of a sensor that no board describes.
-    """
-    own = of_stage(stage, gates)
-    base = container.metadata_without_board() if board is None else container.base_metadata(board)
-    container.write(out, container.pack(tensors, {**base, **metadata, **manifest_of(report, own)}))
-    return own
+    """The gates that a stage states, marked as its own where no other's: a later fit of that stage replaces them."""
+    return [gate._replace(stage=gate.stage or stage) for gate in gates]
 
 
 def verdict(gates: Sequence[Gate]) -> str:
@@ -166,7 +144,7 @@ def check_gates(file: CalibrationFile, *, force: bool) -> str:
     said = file.metadata.get("gates", "")
     if gates is None and said.startswith(FAILED) and not force:
         raise RefusedError(f"this calibration {said}: collect more and fit again, or give --force")
-    if gates is None:
+    if not gates:
         return "this file has no report (`ruffini cal fit` writes one): nobody has judged how well it measures"
     bad = "; ".join(f"{gate.name}: {gate.text}" for gate in failed(gates))
     if bad and not force:

@@ -8,17 +8,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import typer
-from typer.core import TyperCommand
 
 from ruffini.cli import (
     auto,
     bench,
     board,
     cal,
-    camera,
     check,
     collect,
-    dark,
     demo,
     design,
     device,
@@ -43,45 +40,12 @@ from ruffini.cli import (
     udev,
     validate,
     view,
-    wrench,
 )
 from ruffini.cli.one_of import register
+from ruffini.estimators.commands import COMMANDS
 
 USE, CALIBRATE, JUDGE, SIMULATE, MAINTAIN = ("Use", "Calibrate", "Judge", "Simulate", "Maintain")
 Function = Callable[..., None]
-
-# Stages that `cal fit --only` fits to something else than a log of touches: each with options of its own.
-OWN_FITS: dict[str, Function] = {
-    "operator": cal.operator,
-    "material": cal.material,
-    "relaxation": cal.fit_relaxation_of_log,
-    "photometric": cal.photometric,
-    "camera": camera.camera,
-    "dark": dark.dark,
-    "wrench": wrench.wrench,
-}
-
-
-class Fit(TyperCommand):
-    """`cal fit`; after `--only STAGE` the options of that stage's own fit, where it has one."""
-
-    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        for i, word in enumerate(args):
-            stage = word.removeprefix("--only=") if word.startswith("--only=") else "".join(args[i + 1 : i + 2])
-            if word.partition("=")[0] == "--only" and stage in OWN_FITS:
-                rest = args[:i] + args[i + 1 + ("=" not in word) :]
-                own = typer.Typer(add_completion=False)
-                own.command(stage)(OWN_FITS[stage])
-                return typer.main.get_command(own).make_context(f"fit --only {stage}", rest, parent=parent, **extra)
-        return super().make_context(info_name, args, parent=parent, **extra)
-
-
-class OldFit(TyperCommand):
-    """`cal STAGE` of the release before: `cal fit --only STAGE`."""
-
-    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        words = ["--only", str(info_name), *fit.of_old_options(str(info_name), args)]
-        return super().make_context(info_name, words, parent=parent, **extra)
 
 
 def _add(group: typer.Typer, verbs: Mapping[str, Function], panel: str | None = None) -> None:
@@ -134,7 +98,7 @@ register(
 
 calibration = typer.Typer(no_args_is_help=True, help="Calibrate a sensor: collect, fit, judge, flash.")
 _add(calibration, {"auto": auto.auto, "collect": collect.collect, "convert": collect.convert})
-calibration.command("fit", cls=Fit)(fit.fit)
+calibration.command("fit", cls=fit.Fit)(fit.verb())
 _add(
     calibration,
     {
@@ -201,10 +165,8 @@ def _renamed(group: typer.Typer, verbs: Mapping[str, Function], old: str, new: s
         group.command(name, hidden=True)(told(old.format(name), new.format(name), function))
 
 
-_renamed(calibration, OWN_FITS, "cal {}", "cal fit --only {}")
-for stage in ("contact", "fingertip", "skin", "touch"):
-    new = f"cal fit --only {fit.OLD_STAGES.get(stage, stage)}"
-    calibration.command(stage, hidden=True, cls=OldFit)(told(f"cal {stage}", new, fit.fit))
+for one in COMMANDS:
+    calibration.command(one.former_verb, hidden=True, cls=fit.OldFit)(fit.verb())
 _renamed(calibration, {"show": cal.show, "verify": cal.verify, "merge": cal.merge}, "cal {}", "cal file {}")
 _renamed(app, {"track": offline.track, "depth": offline.depth, "field": offline.field}, "{}", "offline {}")
 _renamed(twin, {"validate": validate.validate}, "sim {}", "bench mechanics")

@@ -115,7 +115,7 @@ def simulated_site(board: Board, task: Task, folder: Path, depth_m: float, shear
     from ruffini.calibrate.auto.run import Opened, Site
     from ruffini.calibrate.auto.truth import Truth
     from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated, reach_of
-    from ruffini.rig.program import BY_STAGE, INDENTERS
+    from ruffini.rig.program import PROGRAMS
     from ruffini.rig.session import ready_bench
     from ruffini.sim.units import build_unit, fleet_error
 
@@ -132,10 +132,10 @@ def simulated_site(board: Board, task: Task, folder: Path, depth_m: float, shear
             simulated.twin.twin.listeners.append(truth.note)
             if calibration is not None:
                 simulated.parts.sensor.flash(calibration.data)
-            ready = ready_bench(simulated.parts, board, limits if program in BY_STAGE else None)
+            ready = ready_bench(simulated.parts, board, limits if PROGRAMS[program].is_by_stage else None)
             yield Opened(stack.enter_context(ready), truth)
 
-    tip = None if task.program == INDENTERS else {"shape": "sphere", "radius_m": task.ball_mm / 2e3}
+    tip = None if PROGRAMS[task.program].changes_tools else {"shape": "sphere", "radius_m": task.ball_mm / 2e3}
     return Site(opened, span, tip, True, _points(board, folder))
 
 
@@ -164,7 +164,7 @@ def _real(
     from ruffini.calibrate.auto.run import Opened, Site
     from ruffini.files import write_whole
     from ruffini.rig.person import TerminalPerson
-    from ruffini.rig.program import BY_STAGE, INDENTERS
+    from ruffini.rig.program import PROGRAMS
     from ruffini.rig.session import open_real, ready_bench
     from ruffini.rig.settings import load_rig
     from ruffini.rig.stop_key import stop_key
@@ -172,7 +172,7 @@ def _real(
     settings = load_rig(path)
     if settings.stage is not None:
         settings.stage.rotary(board)  # refuses a stage that cannot press this board
-    if task.program == INDENTERS:
+    if PROGRAMS[task.program].changes_tools:
         raise InputError(
             f"board {board.name!r} is fitted on indenters of many sizes and hardnesses, and `cal auto` does not know "
             f"yet which ones your bench has: use `ruffini cal fit --only {task.name}`, or --rig sim"
@@ -197,7 +197,7 @@ def _real(
                 write_whole(flashed, "\n".join(sha.hex() for sha in known | {calibration.sha256}).encode())
                 parts.sensor.flash(calibration.data)
             key = stack.enter_context(stop_key())
-            limits = settings.limits.limits if program in BY_STAGE else None
+            limits = settings.limits.limits if PROGRAMS[program].is_by_stage else None
             yield Opened(stack.enter_context(ready_bench(parts, board, limits, key)), None)
 
     tip = settings.tip

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from ruffini.rig.settings import RigSettings
     from ruffini.view.guided import GuidingPage
 
-SIMULATED, LOG, SCALE = "sim", "log", "scale"
+SIMULATED, SCALE = "sim", "scale"  # kinds of rigs
+LOG = "log"  # the program whose reference another program writes
 NO_SHEAR = "A scale measures no shear: it follows from the pad's mechanics, with the uncertainty in the stream"
 
 
@@ -90,12 +91,15 @@ def collect(
     from ruffini.estimators.table import pressed_for
     from ruffini.rig import collect as collecting
     from ruffini.rig.log_file import LogWriter
-    from ruffini.rig.program import BY_STAGE, CONDITIONS, PROGRAMS, Touch, check_weights, plan, span_of
+    from ruffini.rig.program import PROGRAMS, Program, Touch, check_weights, plan, span_of
 
     found = find_board(board)
     settings = None if rig == SIMULATED else _settings(rig)
     task = pressed_for(found)
-    program = program or (SCALE if rig == SCALE else task.program if task.program in PROGRAMS else "grid")
+    if program is None:
+        usual = next(one.name for one in PROGRAMS.values() if one.is_of_scale == (rig == SCALE))
+        program = usual if rig == SCALE or PROGRAMS[task.program].items is None else task.program
+    asked = PROGRAMS.get(program, Program(program))
     depth_mm = task.depth_mm if depth_mm is None else depth_mm
     shear_mm = task.shear_mm if shear_mm is None else shear_mm
     ball_mm = task.ball_mm if ball_mm is None else ball_mm
@@ -103,18 +107,18 @@ def collect(
         raise InputError(f"--machine {machine!r}: choose {' or '.join(MACHINES)}")
     options = TwinOptions(machine, ball_mm, seed, _error(found, unit, modulus, thickness), say=note)
     span = span_of(found, depth_mm * 1e-3, shear_mm * 1e-3, _reach(settings, found))
-    if rig == SCALE and program == SCALE:
+    if rig == SCALE and asked.is_of_scale:
         span = span.inside(task.scale_part or 1.0)
-    count = n or (6 if quick else len(CONDITIONS) if program == "conditions" else 20)
-    if program == LOG:
+    count = n or (6 if quick else asked.n)
+    if asked.is_of_csv:
         if view:
-            raise InputError(f"--view guides along a plan, and program {LOG!r} has none")
+            raise InputError(f"--view guides along a plan, and program {program!r} has none")
         return _by_log(found, settings, out, calibration, options, json_, dry_run=dry_run)
     items = plan(program, span, count, seed, _by_hand(grams, force_n, torque_nmm, normal_n))
-    if program == SCALE and settings is not None:
+    if asked.is_of_scale and settings is not None:
         check_weights(items, settings.limits.max_force_n)
     items = [item._replace(hold_s=hold_s) if isinstance(item, Touch) else item for item in items]
-    limits = _limits(settings, found, span, ball_mm) if program in BY_STAGE else None
+    limits = _limits(settings, found, span, ball_mm) if asked.is_by_stage else None
     result: dict[str, Any] = {"file": str(out), "touches": count, "program": program, "simulated": rig == SIMULATED}
     if limits is not None or dry_run:
         rehearsal = collecting.rehearse(items, limits)
@@ -127,7 +131,7 @@ def collect(
                           "shear_mm": shear_mm, "rig": rig, "tip": _tip(settings, ball_mm)})  # fmt: skip
     n_before = len(log.done())
     next_step = f"Next: ruffini cal fit {out} --board {board} --out calibration.safetensors"
-    if program == SCALE:
+    if asked.is_of_scale:
         next_step += f". {NO_SHEAR}"
     page = _page(f"{program} on {found.name}", next_step, http_port, opens=not no_browser) if view else None
     with _bench(settings, found, program, limits, calibration, options, page) as bench, progress_bar("touches") as bar:

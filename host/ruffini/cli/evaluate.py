@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, note_start, progress_bar
-from ruffini.cli.wrench import (
+from ruffini.errors import InputError
+from ruffini.estimators.wrench.command import (
     ColumnsOption,
     FeaturesOption,
     RecordingOption,
@@ -19,7 +20,6 @@ from ruffini.cli.wrench import (
     WrenchUnitOption,
     columns_of,
 )
-from ruffini.errors import InputError
 
 PictureOption = Annotated[Path | None, typer.Option("--out", help="Picture (PNG).")]
 

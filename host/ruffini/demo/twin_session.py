@@ -34,10 +34,9 @@ from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.network_cell import NetworkCell, fetch_settings
 from ruffini.rig.placed_weight import PlacedWeight
-from ruffini.rig.program import BY_STAGE, INDENTERS, SCALE, Span
+from ruffini.rig.program import PROGRAMS, Program, Span
 from ruffini.rig.reference import Reference
 from ruffini.rig.session import Pace, Parts, SensorParts
-from ruffini.rig.settings import SCALE_SIGMA_G
 from ruffini.rig.stage import Stage
 from ruffini.rig.text_cell import TextCell
 from ruffini.rig.turned import Turned
@@ -52,8 +51,6 @@ TOP_MM = 2.0  # over the pad
 NEAR_MM = 0.3  # from there on it goes slowly
 SLACK_M = 1e-4  # of the limits, beside the plan
 BELOW_MM = 1.2  # the pad, where a contact is still looked for
-WEIGHT_SIGMA_G = 0.1
-CONNECTED = ("conditions", INDENTERS)  # programs whose reference is bolted to the sensor: its drawing says where
 LOGGER_OFFSET_S, LOGGER_DRIFT = 1234.5, 150e-6  # of the other program's clock
 DOME_PART = 0.28  # of a dome's radius, along x and y: further out a straight press slides off
 MACHINES: dict[str, tuple[type[EmulatedMachine], Callable[[str], Stage]]] = {
@@ -69,7 +66,6 @@ PACES = {
 REFERENCE_HZ = {"plane": 2.0, "dome": 0.8, "tube": 0.3}  # stated: how long a silence is waited for is real time, always
 # By simulated time no computer is too slow, but a frame of a tube takes half a second to make: one of so many is made.
 HURRIED_STEP = {"tube": 6}
-INDENTERS_STEP, INDENTERS_HZ = 3, 0.8  # a press of theirs is long, and a soft body takes long to compute
 
 
 @dataclass(frozen=True)
@@ -128,16 +124,16 @@ def open_simulated(
     """
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
     unit = unit or build_unit(board, options.error, progress=options.progress)
-    reference_hz = INDENTERS_HZ if program == INDENTERS else REFERENCE_HZ[unit.twin.shape.kind]
+    played = PROGRAMS[program]
+    reference_hz = played.reference_hz or REFERENCE_HZ[unit.twin.shape.kind]
     kind, indenter = unit.twin.shape.kind, Indenter("sphere", options.ball_mm / 2e3)
     pace, clock = PACES[kind], None
     if options.is_hurried:
-        period_s, step = 1e3 / board.camera.rate_mhz, HURRIED_STEP.get(kind, 1)
-        step = INDENTERS_STEP if program == INDENTERS else step
+        period_s, step = 1e3 / board.camera.rate_mhz, played.frame_step or HURRIED_STEP.get(kind, 1)
         clock, pace = FrameClock(period_s, step=step), pace._replace(frame_hz=1 / (period_s * step))
     stack.enter_context(host_clock.lent(clock) if clock else contextlib.nullcontext())
     emulated, driver = MACHINES[options.machine]
-    machine = stack.enter_context(emulated()) if program in BY_STAGE else None
+    machine = stack.enter_context(emulated()) if played.is_by_stage else None
     person = EmulatedPerson(options.seed, options.say)
     loader: Loader = person if machine is None else Hanging(machine, unit, indenter)
     twin = build_twin_bench(
@@ -147,7 +143,7 @@ def open_simulated(
         folder / "twin",
         options.seed,
         rate_hz=reference_hz,
-        mount=options.mount or (BOLTED if program in CONNECTED else ASKEW),
+        mount=options.mount or (BOLTED if played.is_bolted else ASKEW),
         clock=clock,
     )
     stack.enter_context(twin.server)
@@ -164,8 +160,8 @@ def open_simulated(
         stack.callback(stage.close)
     text_cell = stack.enter_context(EmulatedTextCell(options.seed)) if kind == "tube" else None
     page = stack.enter_context(EmulatedPage(reference_hz))
-    reference = _reference(twin, text_cell, page, program, reference_hz)
-    if program in CONNECTED and options.mount is None:
+    reference = _reference(twin, text_cell, page, played, reference_hz)
+    if played.is_bolted and options.mount is None:
         reference = Turned(reference, np.eye(3), BOLTED_ARM_M)
     parts = Parts(sensor, person, pace, reference=reference, max_force_n=MAX_FORCE_N, stage=stage, origin=ORIGIN,
                   mount=twin.twin.mount)  # fmt: skip
@@ -184,11 +180,11 @@ def open_logged(
 
 
 def _reference(
-    twin: TwinBench, text_cell: EmulatedTextCell | None, page: EmulatedPage, program: str, rate_hz: float
+    twin: TwinBench, text_cell: EmulatedTextCell | None, page: EmulatedPage, program: Program, rate_hz: float
 ) -> Reference:
     """Weights are their own reference; a tube's paper has a cell on the tip, which has one axis; the others six."""
-    if program in ("weights", SCALE):
-        return PlacedWeight(WEIGHT_SIGMA_G if program == "weights" else SCALE_SIGMA_G)
+    if program.weight_sigma_g is not None:
+        return PlacedWeight(program.weight_sigma_g)
     if text_cell is not None:
         twin.twin.listeners.append(text_cell.measure)
         return TextCell(text_cell.port, "N", float(FULL_SCALE[2]), float(SIGMA[2]), rate_hz=rate_hz)

@@ -15,6 +15,7 @@ from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import Gate
 from ruffini.errors import InputError
+from ruffini.estimators.command import Command
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.task import Task, Turned
 
@@ -32,6 +33,8 @@ class Estimator:
     """Something that the board estimates or needs for it, fitted to logs of known touches. Subclasses override."""
 
     name: ClassVar[str]  # of `cal fit --only NAME`, and in a file's manifest
+    command: ClassVar[Command | None] = None  # words and options of `cal fit --only NAME`; None: those of `cal fit`
+    makes_numbers: ClassVar[bool] = False  # `--only NAME` writes them as JSON, for the operator, and no tables
     kinds: ClassVar[tuple[str, ...]] = ()  # of a calibration file that it makes; the first one is its own
     is_reported: ClassVar[bool] = False  # a file with `kinds[0]` is judged by `report`
     fits_from_prior: ClassVar[bool] = False  # `fit` begins with a fleet's numbers
@@ -44,9 +47,17 @@ class Estimator:
         """True if the board's stages use what it makes."""
         raise NotImplementedError
 
+    def is_used(self, board: Board) -> bool:
+        """True if the board's stages use it, also where another estimator makes it."""
+        return self.applies(board)
+
     def fit(self, job: Job, progress: Progress) -> Outcome:
         """Fit to the job's logs; tensors, metadata and numbers for the estimators after it go to the job."""
         raise NotImplementedError
+
+    def fit_alone(self, job: Job, options: Any, progress: Progress) -> Outcome:
+        """Fit for `cal fit --only NAME`, whose inputs some have to themselves; `options`: of `command`."""
+        return self.fit(job, progress)
 
     def keep(self, job: Job) -> Outcome:
         """Stand in for a fit that is left out: what was given, else the previous calibration's, else the board's."""
@@ -66,13 +77,9 @@ class Estimator:
         """What a bench presses for it; None: it is fitted to others' touches."""
         return self.task
 
-    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+    def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
         """Judge the report of its fit, on what the fit left out."""
         return []
-
-    def details(self, report: dict[str, Any]) -> str:
-        """The report of a fit beyond its one line: a table, for a person."""
-        return ""
 
     def gates_of_log(self, job: Job, file: CalibrationFile) -> list[Gate]:
         """Judge the finished file on the job's log, on the board's own integers."""

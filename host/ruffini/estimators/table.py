@@ -20,7 +20,7 @@ from ruffini.estimators.skin.stage import SKIN
 from ruffini.estimators.task import Task, Turned
 from ruffini.estimators.threshold.stage import THRESHOLD
 from ruffini.estimators.wrench.stage import WRENCH
-from ruffini.rig.program import INDENTERS, Span, span_of
+from ruffini.rig.program import PROGRAMS, Span, span_of
 
 ESTIMATORS: tuple[Estimator, ...] = (
     CAMERA,
@@ -109,7 +109,7 @@ def how_calibrated(board: Board) -> str:
         As `task_of`.
     """
     task = task_of(board)
-    if isinstance(task, Turned) or task.program == INDENTERS:  # by tools that no machine of `cal auto` changes
+    if isinstance(task, Turned) or PROGRAMS[task.program].changes_tools:
         return f"by `ruffini cal fit --only {task.name}`"
     if task.scale_part is not None:
         return "with Calibrate in the page, or `ruffini cal auto`"

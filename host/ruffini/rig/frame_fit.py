@@ -26,7 +26,6 @@ Array = npt.NDArray[np.float64]
 MIN_TOUCHES, MIN_REST = 6, 5
 MAX_SIGMA_TURN_RAD, MAX_SIGMA_ARM_M = 0.02, 1e-3
 UNKNOWN_ARM_M = 0.05  # prior on the arm: it keeps finite what the presses do not reveal, and weighs nothing else
-SWAPPED_RAD = np.deg2rad(30)
 
 
 class FrameFit(NamedTuple):
@@ -139,14 +138,3 @@ def _check(spread: Array) -> None:
     if arm.max() > MAX_SIGMA_ARM_M:
         raise InputError(f"the touches leave the pad's place in the reference's {'xyz'[int(arm.argmax())]} open by "
                          f"{1e3 * arm.max():.1f} mm: add touches with shear along x and along y")  # fmt: skip
-
-
-def swapped_axes(fit: FrameFit) -> str | None:
-    """Which of the reference's axes stand for the pad's, where that is not the same; e.g. "x y z = +y -x +z"."""
-    if fit.turn_rad < SWAPPED_RAD:
-        return None
-    names = []
-    for column in fit.rotation.T:
-        axis = int(abs(column).argmax())
-        names.append(f"{'-+'[int(column[axis] > 0)]}{'xyz'[axis]}")
-    return "x y z = " + " ".join(names)

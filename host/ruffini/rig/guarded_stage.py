@@ -213,15 +213,3 @@ class DryStage:
 
     def close(self) -> None:
         self.moves.append(self._place)
-
-
-def settle(force_of: ForceOf, tolerance_n: float, timeout_s: float, pause_s: float = 0.02) -> None:
-    """Wait until a force is steady; raises RefusedError if it does not settle."""
-    deadline, before = host_clock.now() + timeout_s, force_of()
-    while host_clock.now() < deadline:
-        host_clock.sleep(pause_s)
-        now = force_of()
-        if np.nan_to_num(abs(now - before))[:3].max() < tolerance_n:
-            return
-        before = now
-    raise RefusedError(f"the force does not settle to {tolerance_n:g} N within {timeout_s:g} s: is something loose?")

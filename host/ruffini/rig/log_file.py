@@ -190,6 +190,15 @@ class Log(NamedTuple):
     found: Mapping[str, Any] = MappingProxyType({})
 
 
+def is_log(path: Path) -> bool:
+    """True of a file that says it is such a log, whether or not it can be read."""
+    try:
+        with h5py.File(readable(path, None)) as file:
+            return bool(file.attrs.get("format") == FORMAT)
+    except OSError:
+        return False
+
+
 def read_log(path: Path) -> Log:
     """Read a log of any program.
 

@@ -10,6 +10,7 @@ from ruffini.rig.reference import Facts, Reading, pressing
 from ruffini.rig.units import GRAVITY_M_S2
 
 NAME = "placed weight"
+SCALE_SIGMA_G = 2.0  # of a kitchen scale: its last digit, and how much a hand changes while it is read
 MAX_GRAMS = 20000.0
 GRAMS = re.compile(r"\s*(\d{1,5}(?:[.,]\d{1,4})?)\s*g?\s*", re.ASCII)
 MAX_SHOWN = 20  # characters of what was typed

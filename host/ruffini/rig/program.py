@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,14 +13,11 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.rig.log_file import ACTIVITY, TouchRecord
-from ruffini.rig.placed_weight import MAX_GRAMS
+from ruffini.rig.placed_weight import MAX_GRAMS, SCALE_SIGMA_G
 from ruffini.rig.units import GRAVITY_M_S2
 
 HOLD_S = 0.5  # of a touch, at least
 BORDER = 0.25  # of the window's half side stays untouched: there the camera sees a part of the dent only
-PROGRAMS = ("grid", "balls", "weights", "scale", "free", "conditions")
-INDENTERS = "indenters"  # of `cal auto`: a plan of its own
-BY_STAGE = ("grid", "balls", INDENTERS)
 NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 # Table II of the F-TOUCH paper: signs of Fx Fy Fz Tx Ty Tz. The last is twisted both ways.
 CONDITIONS = (
@@ -30,7 +29,7 @@ CONDITIONS = (
 )  # fmt: skip
 MIN_COSINE = 0.8  # between the load that was asked for and the one that came
 MIN_PART = 0.4  # of the load that was asked for
-SCALE = "scale"
+SCALE = "scale"  # kind of a touch that a person holds while a kitchen scale is read
 MAX_CHANGE = 0.15  # of a press that a person holds while the scale is read
 
 
@@ -244,39 +243,18 @@ def span_of(board: Board, deepest_m: float, shear_m: float, most_m: tuple[float,
 
 
 def plan(program: str, span: Span, n: int, seed: int, by_hand: ByHand = ByHand()) -> list[Item]:  # noqa: B008
-    """The touches of a program.
-
-    `grid`: places in rows and columns, at each a depth and a shear of their own. `balls`: places and depths spread
-    over the pad, without shear. `weights`, `scale`: each weight in turn, the places spread. `free`: places and forces
-    spread.
-    `conditions`: the F-TOUCH paper's 17 (the twist both ways), again and again, until there are n.
+    """The touches of a program, one of `PROGRAMS`.
 
     Raises
     ------
     InputError
         No such program, or nothing to do.
     """
-    if program not in PROGRAMS or n < 1:
-        raise InputError(
-            f"program {program!r} with {n} touches: choose one of {', '.join(PROGRAMS)}, and one touch at least"
-        )
-    if program == "conditions":
-        normal_n = by_hand.normal_n or by_hand.force_n
-        loads = [Condition(signs, by_hand.force_n, by_hand.torque_nm, normal_n) for signs in CONDITIONS]
-        return [loads[i % len(loads)] for i in range(n)]
-    rng = np.random.default_rng(seed)
-    if program == "grid":
-        return list(_grid(span, n, rng))
-    balls = _balls(span, n, rng)
-    if program in ("weights", SCALE):
-        if not by_hand.grams or not all(0 < grams < MAX_GRAMS for grams in by_hand.grams):
-            raise InputError(f"program {program!r} needs weights of more than 0 and less than {MAX_GRAMS:g} g: give "
-                             "--grams, e.g. 20,50,100")  # fmt: skip
-        kind = Weight if program == "weights" else ScalePress
-        return [kind(b.x_m, b.y_m, by_hand.grams[i % len(by_hand.grams)]) for i, b in enumerate(balls)]
-    if program == "free":
-        return [HandTouch(b.x_m, b.y_m, by_hand.force_n * b.depth_m / span.deepest_m) for b in balls]
-    return list(balls)
+    items = PROGRAMS[program].items if program in PROGRAMS else None
+    if items is None or n < 1:
+        names = ", ".join(one.name for one in PROGRAMS.values() if one.items)
+        raise InputError(f"program {program!r} with {n} touches: choose one of {names}, and one touch at least")
+    return items(span, n, np.random.default_rng(seed), by_hand)
 
 
 def check_weights(items: Sequence[Item], max_force_n: float) -> None:
@@ -317,3 +295,81 @@ def _balls(span: Span, n: int, rng: np.random.Generator) -> list[Touch]:
         )
         for a, b, c in spread(n, rng)
     ]
+
+
+def _straight(span: Span, n: int, rng: np.random.Generator, _: ByHand) -> list[Item]:
+    """Places and depths spread over the pad, without shear."""
+    return [*_balls(span, n, rng)]
+
+
+def _sheared(span: Span, n: int, rng: np.random.Generator, _: ByHand) -> list[Item]:
+    """Places in rows and columns, at each a depth and a shear of their own."""
+    return [*_grid(span, n, rng)]
+
+
+def _weights(
+    kind: type[Weight | ScalePress], span: Span, n: int, rng: np.random.Generator, by_hand: ByHand
+) -> list[Item]:
+    """Each weight in turn, the places spread."""
+    if not by_hand.grams or not all(0 < grams < MAX_GRAMS for grams in by_hand.grams):
+        raise InputError(f"this program needs weights of more than 0 and less than {MAX_GRAMS:g} g: give "
+                         "--grams, e.g. 20,50,100")  # fmt: skip
+    balls = _balls(span, n, rng)
+    return [kind(b.x_m, b.y_m, by_hand.grams[i % len(by_hand.grams)]) for i, b in enumerate(balls)]
+
+
+def _free(span: Span, n: int, rng: np.random.Generator, by_hand: ByHand) -> list[Item]:
+    """Places and forces spread."""
+    return [HandTouch(b.x_m, b.y_m, by_hand.force_n * b.depth_m / span.deepest_m) for b in _balls(span, n, rng)]
+
+
+def _conditions(_: Span, n: int, __: np.random.Generator, by_hand: ByHand) -> list[Item]:
+    """The F-TOUCH paper's 17 (the twist both ways), again and again, until there are n."""
+    normal_n = by_hand.normal_n or by_hand.force_n
+    loads = [Condition(signs, by_hand.force_n, by_hand.torque_nm, normal_n) for signs in CONDITIONS]
+    return [loads[i % len(loads)] for i in range(n)]
+
+
+@dataclass(frozen=True)
+class Program:
+    """What a collection presses, and what its bench is like.
+
+    items : its plan; None: `cal auto` or the person has one.
+    n : touches, unless another number is asked for.
+    is_by_stage : a machine moves the tip, and not a person.
+    is_bolted : the reference is bolted to the sensor, and its drawing says where.
+    is_of_scale : a person reads the reference off a kitchen scale under the sensor.
+    is_of_csv : another program writes the reference.
+    changes_tools : by indenters of many sizes and hardnesses, which no machine of `cal auto` changes.
+    weight_sigma_g : of the weights, where these are the reference themselves.
+    reference_hz, frame_step : of a twin, where a press of it is long; None: its body's.
+    """
+
+    name: str
+    items: Callable[[Span, int, np.random.Generator, ByHand], list[Item]] | None = None
+    n: int = 20
+    is_by_stage: bool = False
+    is_bolted: bool = False
+    is_of_scale: bool = False
+    is_of_csv: bool = False
+    changes_tools: bool = False
+    weight_sigma_g: float | None = None
+    reference_hz: float | None = None
+    frame_step: int | None = None
+
+
+PROGRAMS = {
+    one.name: one
+    for one in (
+        Program("grid", _sheared, is_by_stage=True),
+        Program("balls", _straight, is_by_stage=True),
+        Program("weights", partial(_weights, Weight), weight_sigma_g=0.1),
+        Program("scale", partial(_weights, ScalePress), is_of_scale=True, weight_sigma_g=SCALE_SIGMA_G),
+        Program("free", _free),
+        Program("conditions", _conditions, n=len(CONDITIONS), is_bolted=True),
+        Program(
+            "indenters", is_by_stage=True, is_bolted=True, changes_tools=True, reference_hz=0.8, frame_step=3
+        ),  # long presses, and a soft body takes long to compute
+        Program("log", is_of_csv=True),
+    )
+}

@@ -45,7 +45,7 @@ from ruffini.rig.hid_scale import HidScale
 from ruffini.rig.i2c_cell import I2cCell
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.network_cell import NetworkCell, fetch_settings
-from ruffini.rig.placed_weight import PlacedWeight
+from ruffini.rig.placed_weight import SCALE_SIGMA_G, PlacedWeight
 from ruffini.rig.reference import Reference
 from ruffini.rig.stage import Place, Rotary, Stage
 from ruffini.rig.text_cell import TextCell
@@ -58,7 +58,6 @@ Mm = Annotated[float, Field(ge=-2000, le=2000)]
 Axes = Annotated[list[Annotated[str, Field(pattern="^[+-][xyz]$")]], Field(min_length=3, max_length=3)]
 
 
-SCALE_SIGMA_G = 2.0  # its last digit, and how much a hand changes while it is read
 SCALE_MAX_N = 10.0  # by hand
 SERIAL_SCALE_N, SERIAL_SCALE_HZ = 50.0, 2.0  # range and rate of a serial one, as stated
 

@@ -213,7 +213,7 @@ def test_threshold_alone_takes_no_log_of_touches(fitted, board: Board, tmp_path:
     _, before, _ = fitted
     log = rig_log(board, tmp_path / "log.h5", 2, seed=8)
     with pytest.raises(InputError, match="takes recordings of the untouched pad") as caught:
-        threshold.THRESHOLD.fit(Job(board, [log], before, only="threshold"), lambda _: None)
+        threshold.THRESHOLD.fit_alone(Job(board, [log], before, only="threshold"), None, lambda _: None)
     assert "untouched frames in the log" not in str(caught.value)
     skipped = threshold.THRESHOLD.fit(Job(board, [log], before), lambda _: None)
     assert skipped.text == "the operator is not fitted here, and a log's untouched frames are judged with it"

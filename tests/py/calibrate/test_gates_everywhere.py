@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from test_photometric import BALL_MM, PX_PER_MM, draw
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.gates import Gate, gates_in, manifest_of, of_stage, verdict
+from ruffini.calibrate.gates import Gate, gates_in, of_stage, verdict
 from ruffini.calibrate.log.touches import TouchLog
 from ruffini.errors import InputError
 from ruffini.estimators.material.judge import gates_of_modulus
@@ -148,7 +149,8 @@ def test_a_stage_that_is_fitted_again_is_judged_by_its_last_fit() -> None:
 
     def fitted(kind: str, **axes: bool) -> container.CalibrationFile:
         gates = of_stage(kind, [Gate(name, ok, 1.0, 1.0, "") for name, ok in axes.items()])
-        return container.pack({f"{kind}.x": np.zeros(2, np.int16)}, {**base, **manifest_of({}, gates)})
+        said = {"residuals": json.dumps({"gates": [gate._asdict() for gate in gates]}), "gates": verdict(gates)}
+        return container.pack({f"{kind}.x": np.zeros(2, np.int16)}, {**base, **said})
 
     old = container.merge([fitted("photometric", normals=False), fitted("wrench", Fx=False, Tz=False)])
     assert old.metadata["gates"] == "failed: normals, Fx, Tz"

@@ -54,7 +54,7 @@ def test_photometric_makes_a_table_that_the_core_takes(files: Files, run: Run, t
     file = container.read(out)
     assert file.kinds == ["photometric"]
     assert file.metadata["optics"] == files.board.camera.optics
-    assert json.loads(file.metadata["residuals"])["n_presses"] == 4
+    assert json.loads(file.metadata["residuals"])["stages"]["photometric"]["n_presses"] == 4
     assert run("cal", "file", "verify", out, "--board", files.folder)[0] == 0
 
 

@@ -57,8 +57,13 @@ def test_dry_run_prints_every_move_and_moves_nothing(files: Files, run: Run, tmp
 def test_what_is_not_chosen_is_what_the_boards_estimator_is_fitted_to(run: Run, tmp_path):
     rig, words = tmp_path / "rig.toml", ("--n", 4, "--out", tmp_path / "log.h5", "--dry-run", "--json")
     rig.write_text(RIG.replace("deepest_mm = 0.5", "deepest_mm = 4.0").replace("bottom_mm = -2.0", "bottom_mm = -6.0"))
+    turning = tmp_path / "turning.toml"
+    turning.write_text(rig.read_text().replace("[limits]", 'rotary_axis = "A"\n[limits]'))
+    benches = {"eltac": turning}
     programs = {
-        board: json.loads(run("cal", "collect", "--board", board, "--rig", rig, *words)[1])["program"]
+        board: json.loads(run("cal", "collect", "--board", board, "--rig", benches.get(board, rig), *words)[1])[
+            "program"
+        ]
         for board in ("gelslim", "ftouch", "eltac", "stereo-fingertip", "gelsight-wedge")
     }
     assert programs == {"gelslim": "grid", "ftouch": "conditions", "eltac": "balls", "stereo-fingertip": "grid",

@@ -150,6 +150,11 @@ def test_a_fit_keeps_the_dark_frame_that_was_in_force_and_fits_colours_with_it(
     np.testing.assert_array_equal(job.tensors["dark.image"], dark.tensors["dark.image"])
     for name, tensor in container.read(out).tensors.items():
         np.testing.assert_array_equal(job.tensors[name], tensor, err_msg=name)
+    colours = container.read(out).tensors
+    assert run(*words, "--previous", tmp_path / "dark.safetensors")[0] == 0
+    assert container.read(out).kinds == ["dark", "photometric"]
+    for name, tensor in colours.items():
+        np.testing.assert_array_equal(container.read(out).tensors[name], tensor, err_msg=name)
     small = container.pack({"dark.image": np.zeros((10, 10, 3), np.uint16)}, container.base_metadata(files.board))
     job = Job(files.board, [], parts=[small], balls=folder)
     DARK.fit(job, lambda _: None)

@@ -206,7 +206,7 @@ def test_the_page_judges_each_press_by_a_table_of_the_others(tmp_path: Path) -> 
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "c.safetensors"), "--json"])
     assert done.exit_code == 0, done.output
     result = json.loads(page.with_suffix(".json").read_text())
-    assert json.loads(done.stdout)["report"] == [str(page), str(page.with_suffix(".json"))]
+    assert json.loads(done.stdout)["files"] == [str(page), str(page.with_suffix(".json"))]
     assert [row["image"] for row in result["presses"]] == [f"{i}.png" for i in range(6)]
     for row in result["presses"]:
         assert row["correction_px"][0] == pytest.approx(-1.5, abs=0.6)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ruffini.errors import InputError
-from ruffini.rig.frame_fit import fit_frame, swapped_axes
+from ruffini.rig.frame_fit import fit_frame
 
 SIGMA = np.array([0.02, 0.02, 0.02, 2e-4, 2e-4, 2e-4])
 ARM = np.array([0.004, -0.002, 0.03])
@@ -59,13 +59,6 @@ def test_uncertainty_is_that_of_a_small_turn_however_far_off_the_fit_began(about
     fit = fit_frame(rest, reading, place, seen, SIGMA)
     assert fit.rotation == pytest.approx(near.rotation, abs=1e-4)
     assert fit.turn_sigma_rad == pytest.approx(near.turn_sigma_rad, rel=1e-2)
-
-
-def test_swapped_axes_are_named():
-    rest, reading, place, seen, *_ = log(1, (0, 0, 90))
-    assert swapped_axes(fit_frame(rest, reading, place, seen, SIGMA)) == "x y z = +y -x +z"
-    rest, reading, place, seen, *_ = log(1, (3, 0, 5))
-    assert swapped_axes(fit_frame(rest, reading, place, seen, SIGMA)) is None
 
 
 def test_touches_that_leave_it_open_are_refused():

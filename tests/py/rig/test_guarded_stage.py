@@ -13,7 +13,7 @@ from hang import until
 
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig.emulated_dialects import EmulatedMarlin
-from ruffini.rig.guarded_stage import APPROACH_STEP_M, CONTACT_N, DryStage, GuardedStage, Limits, force_guard, settle
+from ruffini.rig.guarded_stage import APPROACH_STEP_M, CONTACT_N, DryStage, GuardedStage, Limits, force_guard
 from ruffini.rig.manual import HandPress, Target
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.stage import Place
@@ -197,15 +197,6 @@ def test_limits_without_a_way_back_are_refused(dry):
     stage, spring, _ = dry
     with pytest.raises(InputError, match="no way to the pad and back"):
         GuardedStage(stage, ORIGIN, Limits(1, 1, 0.003, 0.001, 0.001, 1), spring.force)
-
-
-def test_settling():
-    forces = iter([1.0, 0.5, 0.3, 0.299, 0.2989])
-    settle(lambda: np.array([0, 0, next(forces)]), 0.005, 1.0, 0.001)
-    assert next(forces) == 0.2989
-    rng = np.random.default_rng(0)
-    with pytest.raises(RefusedError, match="does not settle"):
-        settle(lambda: rng.normal(size=3), 1e-6, 0.05, 0.001)
 
 
 def test_a_key_stops_and_the_terminal_is_as_before():

@@ -14,6 +14,7 @@ from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile, Tensors
 from ruffini.calibrate.log.touches import TouchLog, read_touch_log
+from ruffini.errors import InputError
 from ruffini.estimators.material.fit import MaterialFit
 from ruffini.estimators.material.prior import Prior, board_prior, next_gel_prior
 from ruffini.estimators.operator.fit import Material
@@ -29,18 +30,24 @@ State = Literal["fitted", "given", "kept", "board", "open"]
 
 
 class Outcome(NamedTuple):
-    """How an estimator's fit ended, in one line, and its residuals for the report."""
+    """How an estimator's fit ended, in one line, and its residuals for the report.
+
+    details : its tables, for a person. remarks : on the log and on what the fit left out. files : written besides.
+    """
 
     state: State
     text: str
     report: dict[str, Any] = {}  # noqa: RUF012 - never written to
+    details: str = ""
+    remarks: tuple[str, ...] = ()
+    files: tuple[Path, ...] = ()
 
 
 @dataclass
 class Job:
     """Inputs of a fit, and what its estimators have found so far."""
 
-    board: Board
+    found: Board | None  # None: a log of named columns, of a sensor that no board describes
     paths: list[Path]
     previous: CalibrationFile | None = None
     parts: list[CalibrationFile] = field(
@@ -53,6 +60,7 @@ class Job:
     points: Path | None = None  # known points of a tube's lens
     baseline_mm: float | None = None  # between the two eyes of a fingertip
     only: str | None = None  # name of the one estimator that is fitted
+    options: Any = None  # its own, of its `Command`
     pattern: str = "*"  # of the folders of presses that are used
 
     tensors: Tensors = field(default_factory=dict)
@@ -66,6 +74,19 @@ class Job:
     matrix: Array | None = None  # float64 of the operator
     _log: TouchLog | None = None
 
+    @property
+    def board(self) -> Board:
+        """The board that is calibrated.
+
+        Raises
+        ------
+        InputError
+            None was named.
+        """
+        if self.found is None:
+            raise InputError("no board: give --board, or --previous with a calibration of it")
+        return self.found
+
     def log(self, progress: Progress = lambda _: None) -> TouchLog:
         """The touches; recordings are seen with the camera and the colours found so far."""
         if self._log is None:
@@ -75,9 +96,33 @@ class Job:
             )
         return self._log
 
+    def path(self) -> Path:
+        """The one path that was given.
+
+        Raises
+        ------
+        InputError
+            There are several.
+        """
+        if len(self.paths) != 1:
+            raise InputError(f"{', '.join(map(str, self.paths))}: stage {self.only} is fitted to one of them: give one")
+        return self.paths[0]
+
     def logs(self) -> list[Path]:
         """Those of `cal collect`, of all paths."""
         return [path for path in self.paths if path.suffix == ".h5"]
+
+    def seen_with(self) -> CalibrationFile:
+        """The calibration before, which makes displacement and force of a recording's pictures.
+
+        Raises
+        ------
+        InputError
+            None was given.
+        """
+        if self.previous is None:
+            raise InputError(f"stage {self.only} sees a recording with this unit's calibration: give --previous FILE")
+        return self.previous
 
     def prior(self) -> Prior:
         """What is believed of the pad: the fleet's, else the previous calibration's, else the board's numbers."""
@@ -88,7 +133,8 @@ class Job:
 
     def header(self) -> dict[str, str]:
         """Metadata of a file with what was found so far."""
-        return {**container.base_metadata(self.board), **self.metadata}
+        base = container.metadata_without_board() if self.found is None else container.base_metadata(self.found)
+        return {**base, **self.metadata}
 
     def take(self, kind: str) -> Outcome | None:
         """Copy a kind out of a file that was given, else out of the previous calibration; None where neither has it."""

@@ -14,11 +14,12 @@ from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome
 from ruffini.calibrate.gates import Gate, gates_in, gates_of_reference, of_stage, verdict
+from ruffini.calibrate.log.reference import write_fit
 from ruffini.calibrate.log.touches import file_sha256
 from ruffini.calibrate.log.warmth import celsius_ranges
 from ruffini.errors import InputError, RefusedError, RuffiniError
 from ruffini.estimators.table import BY_NAME, applying
-from ruffini.rig.log_file import read_log
+from ruffini.rig.log_file import is_log, read_log
 
 Tell = Callable[[str, Outcome, float], None]  # stage, how it ended, seconds
 Progress = Callable[[str, float], None]
@@ -41,20 +42,25 @@ def run_stages(
     for estimator in applying(job.board) if job.only is None else (BY_NAME[job.only],):
         name, start = estimator.name, time.monotonic()
         try:
-            outcomes[name] = estimator.keep(job) if name in skip else estimator.fit(job, partial(progress, name))
+            if name in skip:
+                outcomes[name] = estimator.keep(job)
+            elif job.only is not None:
+                outcomes[name] = estimator.fit_alone(job, job.options, partial(progress, name))
+            else:
+                outcomes[name] = estimator.fit(job, partial(progress, name))
         except RuffiniError as error:
             if job.only is None:
                 error.add_note(f"in stage {name}; --skip {name} goes on without it")
             raise
         tell(name, outcomes[name], time.monotonic() - start)
-    if job.only is not None and not job.tensors:
+    if job.tensors or (job.only is not None and BY_NAME[job.only].makes_numbers):
+        return outcomes
+    if job.only is not None:
         raise InputError(f"stage {job.only} makes no table by itself: leave --only out")
-    if not job.tensors:
-        raise InputError(f"no stage made anything for board {job.board.name!r}: its pipeline needs no calibration")
-    return outcomes
+    raise InputError(f"no stage made anything for board {job.board.name!r}: its pipeline needs no calibration")
 
 
-def gates_of_stages(board: Board, outcomes: dict[str, Outcome]) -> list[Gate]:
+def gates_of_stages(board: Board | None, outcomes: dict[str, Outcome]) -> list[Gate]:
     """What each estimator judges of its own report."""
     return [gate for name, o in outcomes.items() for gate in of_stage(name, BY_NAME[name].gates(o.report, board))]
 
@@ -76,9 +82,9 @@ def finished(
     if base is not None:
         metadata |= {key: base.metadata[key] for key in ("sensor_serial", "gel_serial")}
     file = container.pack(job.tensors, metadata)
-    found, touches = _said(job.logs())
+    found, touches = _said([path for path in job.logs() if is_log(path)])  # HDF5 may be of named columns
     gates = [gate for name in outcomes for gate in of_stage(name, BY_NAME[name].gates_of_log(job, file))]
-    gates += [*gates_of_reference(found), *gates_of_stages(job.board, outcomes), *more]
+    gates += [*gates_of_reference(found), *gates_of_stages(job.found, outcomes), *more]
     residuals: dict[str, Any] = {
         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
         "gates": [gate._asdict() for gate in gates], "logs": {path.name: file_sha256(path) for path in job.paths},
@@ -89,7 +95,7 @@ def finished(
         residuals |= {key: {**before.get(key, {}), **residuals[key]} for key in ("stages", "logs")}
         if not touches:  # nothing says at which temperatures the new tables were fitted
             residuals["valid_for"] = before.get("valid_for", residuals["valid_for"])
-    said = {"residuals": _ascii(residuals), "gates": verdict(gates)}
+    said = {"residuals": _ascii(residuals)} | ({"gates": verdict(gates)} if gates else {})
     file = container.pack(job.tensors, {**metadata, **said})
     if base is None:
         return file, gates
@@ -97,8 +103,14 @@ def finished(
     return merged, gates_in(merged) or []
 
 
+def write_numbers(out: Path, job: Job, outcome: Outcome) -> list[Gate]:
+    """Write what `job.only` found as JSON, for the operator; returns its gates."""
+    assert job.only is not None
+    return write_fit(out, job.board, outcome.report, job.only, BY_NAME[job.only].gates(outcome.report, job.board))
+
+
 def _without_stage(base: CalibrationFile, stage: str, serial: str) -> CalibrationFile:
-    """The previous calibration without the gates of a stage that is fitted again, of the sensor `serial`."""
+    """The previous calibration without tables and gates of a stage that is fitted again, of the sensor `serial`."""
     theirs = base.metadata["sensor_serial"]
     if serial != "*" and theirs not in ("*", serial):
         raise RefusedError(
@@ -111,7 +123,9 @@ def _without_stage(base: CalibrationFile, stage: str, serial: str) -> Calibratio
         kept = [gate for gate in rows if gate.stage != stage]
         tree = {**container.residuals(base), "gates": [gate._asdict() for gate in kept]}
         metadata |= {"residuals": json.dumps(tree)} | ({"gates": verdict(kept)} if "gates" in metadata else {})
-    return container.pack(base.tensors, metadata)
+    of_others = {name: text for name, text in metadata.items() if name.split(".")[0] not in BY_NAME[stage].kinds}
+    tensors = {name: table for name, table in base.tensors.items() if name.split(".")[0] not in BY_NAME[stage].kinds}
+    return container.pack(tensors, of_others)
 
 
 def _said(logs: list[Path]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

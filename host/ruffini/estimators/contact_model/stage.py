@@ -11,6 +11,7 @@ from ruffini.boards import Board
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import MAX_WRENCH_ERROR, MIN_PRESSES, Gate, at_least, at_most, part
 from ruffini.estimators.base import Estimator
+from ruffini.estimators.contact_model.command import COMMAND
 from ruffini.estimators.contact_model.task import TASK
 from ruffini.estimators.wrench.log import features_of
 from ruffini.tables import aligned
@@ -23,7 +24,8 @@ MIN_KIND = 0.8  # of presses whose kind, planar or Hertzian, is told right
 class ContactModel(Estimator):
     """A texture's contact; the board's wrench is fitted here, too."""
 
-    name = "contact"
+    name = COMMAND.name
+    command = COMMAND
     kinds = ("contact_model", "contact_depth", "wrench")
     needed = ("contact_model", "wrench")
     task = TASK
@@ -54,33 +56,10 @@ class ContactModel(Estimator):
             f"{left['gel_depth_mm']:.2f} mm and {left['shore_a']:.1f} Shore A, kind right "
             f"in {100 * left['kind_right']:.0f} %",
             report,
+            _tables_of(report),
         )
 
-    def details(self, report: dict[str, Any]) -> str:
-        if "left_out_sizes" not in report:
-            return ""
-        head = ("Fn N", "Ft N", "M N m", "gel mm", "press mm", "Shore A", "kind %")
-        keys = ("normal_n", "tangential_n", "moment_nm", "gel_depth_mm", "press_depth_mm", "shore_a")
-        parts: list[str] = []
-        for what in ("sizes", "shapes"):
-            rows = [
-                (shape, *(f"{r[key]:.3g}" for key in keys), f"{100 * r['kind_right']:.0f}")
-                for shape, r in report[f"left_out_{what}"].items()
-            ]
-            parts += aligned((f"RMSE on {what} that were not fitted", *head), rows)
-        if (depth_map := report["depth_map"]) is not None:
-            each = [(shape, f"{under:.2f}") for shape, under in depth_map["under_mm"].items()]
-            beside = ("beside the contact", f"{depth_map['beside_mm']['all']:.2f}")
-            parts += aligned(("depth map of presses that were not fitted, RMSE", "mm"), [*each, beside])
-        refused = [
-            (name, f"{100 * share:.0f} % of {what}") for name, shares in report["refused"].items()
-            for what, share in shares.items()
-        ]  # fmt: skip
-        if refused:
-            parts += aligned(("no model holds for", "refused, of presses that were not fitted"), refused)
-        return "\n".join(parts)
-
-    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+    def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
         """Each size judged by a fit without it."""
         if "left_out_sizes" not in report:
             return []
@@ -93,6 +72,30 @@ class ContactModel(Estimator):
             at_most("contact hardness", left["shore_a"], MAX_SHORE_A, "Shore A, RMS of sizes left out"),
             at_least("contact kind", left["kind_right"], MIN_KIND, "of the presses left out told right"),
         ]
+
+
+def _tables_of(report: dict[str, Any]) -> str:
+    """The errors on sizes and shapes that were not fitted, for a person."""
+    head = ("Fn N", "Ft N", "M N m", "gel mm", "press mm", "Shore A", "kind %")
+    keys = ("normal_n", "tangential_n", "moment_nm", "gel_depth_mm", "press_depth_mm", "shore_a")
+    parts: list[str] = []
+    for what in ("sizes", "shapes"):
+        rows = [
+            (shape, *(f"{r[key]:.3g}" for key in keys), f"{100 * r['kind_right']:.0f}")
+            for shape, r in report[f"left_out_{what}"].items()
+        ]
+        parts += aligned((f"RMSE on {what} that were not fitted", *head), rows)
+    if (depth_map := report["depth_map"]) is not None:
+        each = [(shape, f"{under:.2f}") for shape, under in depth_map["under_mm"].items()]
+        beside = ("beside the contact", f"{depth_map['beside_mm']['all']:.2f}")
+        parts += aligned(("depth map of presses that were not fitted, RMSE", "mm"), [*each, beside])
+    refused = [
+        (name, f"{100 * share:.0f} % of {what}") for name, shares in report["refused"].items()
+        for what, share in shares.items()
+    ]  # fmt: skip
+    if refused:
+        parts += aligned(("no model holds for", "refused, of presses that were not fitted"), refused)
+    return "\n".join(parts)
 
 
 CONTACT = ContactModel()

@@ -13,7 +13,7 @@ from ruffini.calibrate.fit.job import Outcome
 from ruffini.estimators.task import Counts, Task, Word, joined
 from ruffini.rig.found import is_held
 from ruffini.rig.log_file import CONTACT_SHORE, Log, TouchRecord
-from ruffini.rig.program import INDENTERS, Indent, Item, Span, Tool, span_of, spread
+from ruffini.rig.program import Indent, Item, Span, Tool, span_of, spread
 
 Array = npt.NDArray[np.float64]
 
@@ -73,7 +73,7 @@ def _about_the_middle(board: Board, depth_m: float, shear_m: float, reach_m: tup
 
 
 TASK = Task(
-    "contact", INDENTERS, Counts(0, 72, 24, 0), Counts(0, 18, 6, 0), 1.7, 0.0, 6.0,
+    "contact", "indenters", Counts(0, 72, 24, 0), Counts(0, 18, 6, 0), 1.7, 0.0, 6.0,
     "% of the largest normal force, RMS", _about_the_middle, indents, indents, _indent_word, _indent_figures,
     _contact_left_out,
 )  # fmt: skip

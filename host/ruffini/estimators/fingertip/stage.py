@@ -11,6 +11,7 @@ from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import MIN_PRESSES, Gate, at_least, at_most, failed, gates_in, part
 from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator, Report
+from ruffini.estimators.fingertip.command import COMMAND
 from ruffini.estimators.fingertip.fit import fit_fingertip
 from ruffini.estimators.fingertip.report import full_n, tip_report_of, write_tip_page
 from ruffini.estimators.fingertip.tables import tables
@@ -23,7 +24,8 @@ MAX_FORCE, MAX_WAY_MM, MAX_TILT_DEG = 0.05, 0.1, 5.0  # of presses left out, mea
 class Fingertip(Estimator):
     """A tool on a fingertip with pins; a fit takes a folder of presses, `frames/` and `press.csv` each."""
 
-    name = "fingertip"
+    name = COMMAND.name
+    command = COMMAND
     kinds = ("fingertip",)
     is_reported = True
     needed = ("fingertip",)
@@ -50,7 +52,7 @@ class Fingertip(Estimator):
             fit.report,
         )
 
-    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+    def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
         """Of the presses left out."""
         if "n_presses" not in report:
             return []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -38,16 +40,23 @@ def touch_figures(fit: MaterialFit, wrench: Array) -> dict[str, float]:
     }  # fmt: skip
 
 
-def gates_of_material(fit: MaterialFit, board: Board) -> list[Gate]:
-    """Of a fit: how well its numbers are known, its errors on touches left out, its E."""
-    return _of_material(fit) + gates_of_modulus(fit.material, board)
+def report_of_fit(fit: MaterialFit) -> dict[str, Any]:
+    """Its numbers and its errors on touches left out, as `gates_of_material` judges them."""
+    return {**fit.report(), "left_out": left_out_figures(fit)}
 
 
-def _of_material(fit: MaterialFit) -> list[Gate]:
-    gates = [part("interval of E", float(fit.interval[0] / fit.values[0]), MAX_INTERVAL, "of E, 95 %")]
-    if fit.n_touches < MIN_TOUCHES:
+def gates_of_material(report: dict[str, Any], board: Board) -> list[Gate]:
+    """How well the numbers of a fit are known, its errors on touches left out, its E."""
+    material = Material(*(report[name] for name in Material._fields))
+    return _of_material(report) + gates_of_modulus(material, board)
+
+
+def _of_material(report: dict[str, Any]) -> list[Gate]:
+    interval = report["interval_95"]["modulus_pa"] / report["modulus_pa"]
+    gates = [part("interval of E", interval, MAX_INTERVAL, "of E, 95 %")]
+    if report["touches"] < MIN_TOUCHES:
         return gates  # nothing to leave out: the prior's word counts
-    figures = left_out_figures(fit)
+    figures = report["left_out"]
     off = figures["force_p95_n"] / figures["largest_force_n"]
     return [
         *gates,

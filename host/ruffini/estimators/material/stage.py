@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome, Progress, material_of, stiffness_sigma_of
 from ruffini.calibrate.gates import MAX_REST_N, Gate
 from ruffini.estimators.base import Estimator
-from ruffini.estimators.material.fit import MIN_TOUCHES, fit_material, log_of_touches
-from ruffini.estimators.material.judge import gates_of_material, left_out_figures
+from ruffini.estimators.material.command import COMMAND, MaterialOptions
+from ruffini.estimators.material.fit import MIN_TOUCHES, fit_material, log_from_recording, log_of_touches
+from ruffini.estimators.material.judge import gates_of_material, report_of_fit
 from ruffini.estimators.operator.gauge import gauge_uncertainty_m
 from ruffini.fem.operators import Noise
 
@@ -31,7 +32,9 @@ def material_noise(board: Board) -> Noise:
 class MaterialEstimator(Estimator):
     """The pad's numbers, which the operator is solved with."""
 
-    name = "material"
+    name = COMMAND.name
+    command = COMMAND
+    makes_numbers = True
     kinds = ()
     fits_from_prior = True
 
@@ -46,12 +49,30 @@ class MaterialEstimator(Estimator):
             job.board, touches, material_noise(job.board), prior=prior, progress=lambda done: progress(0.3 + 0.7 * done)
         )
         job.fit, job.material, job.stiffness_sigma = fit, fit.material, fit.stiffness_sigma
-        report = {**fit.report(), "left_out": left_out_figures(fit)}
+        report = report_of_fit(fit)
         return Outcome(
             "fitted",
             f"{fit.text()}; force of a touch left out: {1e3 * report['left_out']['force_rmse_n']:.1f} mN RMS",
             report,
         )
+
+    def fit_alone(self, job: Job, options: MaterialOptions, progress: Progress) -> Outcome:
+        """Fit to a recording that the previous calibration measures, without leaning on that calibration's numbers."""
+        path = job.path()
+        log = log_from_recording(
+            job.board, job.seen_with(), path, options.reference, progress=lambda done: progress(0.3 * done)
+        )
+        fit = fit_material(job.board, log, material_noise(job.board), progress=lambda done: progress(0.3 + 0.7 * done))
+        report = report_of_fit(fit)
+        before, after = (
+            1e3 * sum((v or 0.0) ** 2 for v in report[k][:3]) ** 0.5 for k in ("rmse_before_n_nm", "rmse_after_n_nm")
+        )
+        files: tuple[Path, ...] = ()
+        if options.plot is not None:
+            from ruffini.estimators.material.picture import residuals
+
+            files = (residuals(options.plot, fit, title=f"{job.board.name}: material from {path.name}"),)
+        return Outcome("fitted", f"{fit.text()}; force RMSE {before:.1f} -> {after:.1f} mN", report, files=files)
 
     def keep(self, job: Job) -> Outcome:
         """The previous calibration's numbers, or the board's."""
@@ -61,8 +82,8 @@ class MaterialEstimator(Estimator):
         job.stiffness_sigma = stiffness_sigma_of(job.previous)
         return Outcome("kept", "the previous numbers")
 
-    def gates_of_log(self, job: Job, file: CalibrationFile) -> list[Gate]:
-        return [] if job.fit is None else gates_of_material(job.fit, job.board)
+    def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
+        return gates_of_material(report, board) if "interval_95" in report and board is not None else []
 
     def allowed_n(self, report: dict[str, Any], force_n: float) -> float | None:
         """Twice what 19 of 20 touches are within."""

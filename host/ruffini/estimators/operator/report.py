@@ -24,7 +24,7 @@ from ruffini.calibrate.report.fewer_presses import Figures, Numbers
 from ruffini.calibrate.report.page import about
 from ruffini.errors import InputError
 from ruffini.estimators.material.fit import MIN_TOUCHES, MaterialFit, MaterialProblem, log_of_touches
-from ruffini.estimators.material.judge import gates_of_material, left_out_figures
+from ruffini.estimators.material.judge import gates_of_material, left_out_figures, report_of_fit
 from ruffini.estimators.material.model import MaterialLog, Predictor, Progress
 from ruffini.estimators.material.prior import Prior, board_prior, next_gel_prior
 from ruffini.estimators.material.stage import SIGMA_M, TILT_M
@@ -88,7 +88,7 @@ def report_of(
     gates = [
         *gates_of_touches(board, log, is_informed=fit is not None and fit.prior.is_informed),
         *gates_of_reference(log.found),
-        *([] if fit is None else gates_of_material(fit, board)),
+        *([] if fit is None else gates_of_material(report_of_fit(fit), board)),
         *gates_of_forces(board, log, now, before),
         *([unfit] if unfit else []),
     ]

@@ -15,17 +15,22 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
+from ruffini.calibrate import container, keys
 from ruffini.calibrate.container import Tensors
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import Gate, at_least, at_most, near, part
 from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator
+from ruffini.estimators.camera.stage import CAMERA
 from ruffini.estimators.dark.frame import dark_of
+from ruffini.estimators.dark.stage import DARK
+from ruffini.estimators.photometric.command import COMMAND, PhotometricOptions
 from ruffini.estimators.photometric.fit import collect_samples
 from ruffini.estimators.photometric.fitted import fit_presses
 from ruffini.estimators.photometric.pad_view import pad_view
 from ruffini.estimators.photometric.presses import PressSet, load_presses
 from ruffini.estimators.photometric.scale import fit_scale, scaled
+from ruffini.evaluate.press_report import write_report
 from ruffini.rig.log_file import Log, read_log
 from ruffini.rig.program import SCALE
 
@@ -104,7 +109,8 @@ def _write(path: Path, image: npt.NDArray[np.uint8]) -> None:
 class Photometric(Estimator):
     """Colours to slopes, or brightness to depth."""
 
-    name = "photometric"
+    name = COMMAND.name
+    command = COMMAND
     kinds = ("photometric",)
     first_program = "balls"
 
@@ -129,6 +135,28 @@ class Photometric(Estimator):
             taken = _taken(job)  # depth is not what the log was collected for
             return taken._replace(text=f"{taken.text}; the log's presses give none: {error}")
 
+    def fit_alone(self, job: Job, options: PhotometricOptions, progress: Progress) -> Outcome:
+        """Fit to a folder of ball presses, seen with camera and dark frame that the sensor will have."""
+        seen = Job(job.board, [], job.previous)
+        for estimator, path in ((CAMERA, options.camera), (DARK, options.dark)):
+            seen.parts = []
+            if path is not None:
+                seen.parts = [keys.read_verified(path)]
+                container.check_board(seen.parts[0], job.board)
+                estimator.need(seen.parts[0], path)
+            estimator.keep(seen)
+        presses = load_presses(
+            job.path(), ball_mm=options.ball_mm, px_per_mm=options.px_per_mm, truth=options.truth, may_find=True,
+            at_least=1,
+        ).less(dark_of(seen.tensors))  # fmt: skip
+        view = pad_view(job.board, seen.tensors, seen.metadata)
+        fit = fit_presses(presses, job.board, is_foreign=options.foreign, source=options.source, view=view,
+                          progress=progress)  # fmt: skip
+        job.tensors |= fit.tensors
+        job.metadata |= fit.metadata
+        files = () if options.report is None else write_report(options.report, presses, fit, job.board, progress)
+        return Outcome("fitted", fit.summary, fit.report, files=tuple(files))
+
     def _fitted(self, job: Job, progress: Progress) -> Outcome:
         """Of ball presses."""
         with tempfile.TemporaryDirectory(prefix="ruffini-") as folder:
@@ -149,7 +177,7 @@ class Photometric(Estimator):
         """What was given, or the previous calibration's."""
         return _taken(job)
 
-    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+    def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
         """Normals or depth of presses left out, number of places, scale."""
         if "n_places" not in report:  # a table that was adapted or taken
             return []

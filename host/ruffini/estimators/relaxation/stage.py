@@ -13,7 +13,15 @@ from ruffini.calibrate.gates import Gate, at_most, near
 from ruffini.calibrate.log.touches import Series
 from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator
-from ruffini.estimators.relaxation.fit import RelaxationFit, RelaxationLog, fit_relaxation, left_after, lost_of
+from ruffini.estimators.relaxation.command import COMMAND, RelaxationOptions
+from ruffini.estimators.relaxation.fit import (
+    RelaxationFit,
+    RelaxationLog,
+    fit_relaxation,
+    left_after,
+    log_from_recording,
+    lost_of,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -86,7 +94,9 @@ def _without(job: Job, why: str) -> Outcome:
 class Relaxation(Estimator):
     """What the second pass compensates."""
 
-    name = "relaxation"
+    name = COMMAND.name
+    command = COMMAND
+    makes_numbers = True  # the operator that they belong to is solved for them
     kinds = ("relaxation",)
 
     def applies(self, board: Board) -> bool:
@@ -116,6 +126,14 @@ class Relaxation(Estimator):
         return Outcome("fitted", f"{fit.text()}; touches that are held still err by "
                        f"{1e3 * before_n:.1f} -> {1e3 * after_n:.1f} mN RMS", fit.report())  # fmt: skip
 
+    def fit_alone(self, job: Job, options: RelaxationOptions, progress: Progress) -> Outcome:
+        """Fit to a recording that the previous calibration measures."""
+        log = log_from_recording(job.board, job.seen_with(), job.path(), options.reference, progress=progress)
+        fit = fit_relaxation(log)
+        return Outcome("fitted", f"{fit.text()}; at once it is {fit.gain:.3f} times the calibration's; "
+                       f"force RMSE {1e3 * fit.rmse_before_n:.1f} -> {1e3 * fit.rmse_after_n:.1f} mN",
+                       fit.report())  # fmt: skip
+
     def keep(self, job: Job) -> Outcome:
         """The previous calibration's, or none."""
         kept = job.take("relaxation")
@@ -124,7 +142,7 @@ class Relaxation(Estimator):
         job.instant_gain = 1 / left_after(job.tensors, HELD_S)
         return kept
 
-    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+    def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
         if "rmse_after_n" not in report:
             return []
         left = report["rmse_after_n"] / max(report["rmse_before_n"], 1e-9)

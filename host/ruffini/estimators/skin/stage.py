@@ -15,6 +15,7 @@ from ruffini.calibrate.gates import MIN_PRESSES, Gate, at_least, covered, part
 from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.material.prior import Prior
+from ruffini.estimators.skin.command import COMMAND
 from ruffini.estimators.skin.fit import SeenSkin, fit_seen, read_points, seen_skin, taxel_file, untouched
 from ruffini.estimators.skin.judge import MAX_SKIN_ERROR, gates_of_skin, judged_presses
 from ruffini.estimators.skin.log import log_presses, read_skin_log, untouched_of
@@ -43,7 +44,8 @@ def _presses(board: Board, path: Path, seen: SeenSkin) -> list[Press]:
 class SkinEstimator(Estimator):
     """Force and place on a glowing skin."""
 
-    name = "skin"
+    name = COMMAND.name
+    command = COMMAND
     kinds = ("skin", "relaxation")
     is_reported = True
     needed = ("skin",)
@@ -74,7 +76,7 @@ class SkinEstimator(Estimator):
             r,
         )
 
-    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+    def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
         """Each press judged by a fit without it."""
         if "n_presses" not in report:
             return []

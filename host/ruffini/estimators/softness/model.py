@@ -92,6 +92,13 @@ class Softness:
                   self.gel_pa)  # fmt: skip
         return {"softness.map": np.round(values).astype(np.int32)}
 
+    def text(self) -> str:
+        """In one line, for a person."""
+        return (
+            f"  softness of squeezes from {self.low_n:g} to {self.high_n:g} N: squeezes of one object differ by "
+            f"{100 * (2**self.sigma - 1):.0f} % (standard deviation); the gel's scale: {self.gel_pa / 1000:.3g} kPa"
+        )
+
     def report(self) -> dict[str, Any]:
         """For a manifest and JSON."""
         return {"force_n": [self.low_n, self.high_n], "slope": self.slope, "sigma_octaves": self.sigma,

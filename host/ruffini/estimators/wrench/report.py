@@ -17,12 +17,15 @@ from ruffini.calibrate.log.warmth import celsius_ranges
 from ruffini.calibrate.report.fewer_presses import accuracy_in
 from ruffini.calibrate.report.page import AXES as LABELS
 from ruffini.calibrate.report.page import about, fewer_presses_table, range_table, report_head
+from ruffini.estimators.wrench.fit import Fit
 from ruffini.estimators.wrench.log import FeatureRun, read_feature_runs
 from ruffini.estimators.wrench.model import AXES, Frames, frames_of
 from ruffini.estimators.wrench.tables import map_in
 from ruffini.rig.log_file import read_log
+from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
+MOST_LISTED = 12  # recordings
 
 
 class WrenchReport(NamedTuple):
@@ -92,6 +95,37 @@ def _lag_s(file: CalibrationFile) -> float:
 def _gate(name: str, part: float) -> Gate:
     return Gate(f"wrench {name}", bool(part <= MAX_WRENCH_ERROR), float(part), MAX_WRENCH_ERROR,
                 f"{100 * part:.2g} % of its largest load: RMS, at most {100 * MAX_WRENCH_ERROR:g} %")  # fmt: skip
+
+
+def wrench_table(fit: Fit) -> str:
+    """Errors of a fit on what was left out, axis by axis, and what else it found, for a person."""
+    lines = [f"  errors on {fit.left_out} that were not fitted, against the reference (K alone: RMSE):"]
+    columns = (np.abs(fit.map.full), fit.linear_rmse, fit.rmse, fit.mae, fit.r2)
+    lines += aligned(("", "range", "K alone", "RMSE", "MAE", "R2", "", ""), [
+        (
+            axis, *(f"{column[i]:.3g}" for column in columns), "N" if i < 3 else "N mm",
+            ", ".join(name for name, axes in fit.terms.items() if axis in axes) if fit.map.full[i]
+            else "not measured: the log hardly loads it",
+        )
+        for i, axis in enumerate(AXES)
+    ], indent="  ")  # fmt: skip
+    for name, (rmse, mae) in fit.by_recording.items() if len(fit.by_recording) < MOST_LISTED else ():
+        lines.append(f"  {name}: RMSE {_listed(rmse)}; MAE {_listed(mae)}")
+    if fit.kernel:
+        lines.append(f"  nonlinear: a {fit.kernel} kernel of landmarks beside K")
+    lines += [f"  not stated: {what} (no untouched frames)" for what in fit.not_stated]
+    if fit.leaning:
+        lines.append(f"  {', '.join(fit.leaning)} lean on the pad's mechanics (the board's inverse FEM, shifts alone)")
+    warmth = fit.map.warmth
+    lines.append(
+        f"  temperature: no term, {fit.report()['temperature']}" if warmth is None else
+        f"  temperature: corrected from {warmth.coldest:.1f} to {warmth.warmest:.1f} C, about {warmth.reference:.1f} C"
+    )  # fmt: skip
+    return "\n".join(lines)
+
+
+def _listed(values: Array) -> str:
+    return " ".join(f"{v:.3g}" for v in values)
 
 
 def write_wrench_page(path: Path, file: CalibrationFile, report: WrenchReport) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -11,21 +12,27 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
-from ruffini.calibrate.gates import MAX_WRENCH_ERROR, Gate, part
+from ruffini.calibrate.gates import MAX_WRENCH_ERROR, Gate, of_stage, part
+from ruffini.calibrate.log.columns import read_column_logs
+from ruffini.calibrate.log.videos import VideoColumns, read_video_log
 from ruffini.calibrate.report.fewer_presses import Figures, Numbers, accuracy_of_presses
+from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.contact_model.stage import CONTACT
 from ruffini.estimators.material.prior import Prior
+from ruffini.estimators.softness.model import Softness, fit_softness, gel_pa_of, grid_of
 from ruffini.estimators.task import Task
+from ruffini.estimators.wrench.command import COMMAND, WrenchOptions
 from ruffini.estimators.wrench.fit import FEW, N_FOLDS, Fit, fit_wrench_map
-from ruffini.estimators.wrench.log import FeatureRun, features_of, read_feature_runs
+from ruffini.estimators.wrench.log import FeatureRun, Features, features_of, read_feature_runs
 from ruffini.estimators.wrench.marker_prior import marker_prior
 from ruffini.estimators.wrench.model import AXES, frames_of, recordings_of
-from ruffini.estimators.wrench.report import wrench_report_of, write_wrench_page
+from ruffini.estimators.wrench.report import wrench_report_of, wrench_table, write_wrench_page
 from ruffini.estimators.wrench.tables import tables
 from ruffini.estimators.wrench.target_geometry import second_order_of
 from ruffini.estimators.wrench.task import PRESSES, TASK
 from ruffini.estimators.wrench.terms import Bend
+from ruffini.files import write_whole
 
 TIMES_RMS = 3.0  # exceeded by three in a thousand of normally distributed errors
 
@@ -52,10 +59,60 @@ def _of_fewer(runs: list[FeatureRun], holdout: str, fit: Fit, mechanics: Mechani
     return accuracy_of_presses(len(runs), error)
 
 
+class _Read(NamedTuple):
+    """A log's runs, what their features are, what is to be said of it, and the softness of its squeezes."""
+
+    runs: list[FeatureRun]
+    features: Features
+    remarks: list[str]
+    softness: Softness | None = None
+
+
+def _read(job: Job, options: WrenchOptions, progress: Progress) -> _Read:
+    """The log in whichever form it came.
+
+    Raises
+    ------
+    InputError
+        Options that do not go together, or features of another board.
+    """
+    board, named, videos = job.found, options.named_columns(), options.videos
+    if videos is not None and named is not None:
+        raise InputError(f"--videos {videos} names the columns of the CSV files: leave --columns and the options that "
+                         "name columns out, or --videos")  # fmt: skip
+    if videos is not None and board is None:
+        raise InputError("--videos needs --board: the features of a video are those that its board computes")
+    if named is not None:
+        of_columns = read_column_logs(job.paths, named)
+        features = Features("columns", len(of_columns.names))
+        if board is not None:
+            features = features_of(board)
+            if features.n != len(of_columns.names):
+                raise InputError(
+                    f"{job.paths[0]}: has {len(of_columns.names)} features, board {board.name!r} makes {features.n} of "
+                    f"its {features.sort}: another sensor, or leave --board out"
+                )
+        return _Read(of_columns.runs, features, [*of_columns.remarks])
+    if board is None:
+        raise InputError(f"{job.paths[0]}: name its columns (--columns FILE, or --time, --features, --wrench), or "
+                         "--board for a recording of one of its sensors")  # fmt: skip
+    if videos is None:
+        return _Read(read_feature_runs(job.paths, board, progress=progress), features_of(board), [])
+    of_videos = VideoColumns.read(videos)
+    log = read_video_log(job.paths, board, of_videos, progress=progress)
+    of_videos.check_names(run.recording for run in log.runs)
+    softness = None
+    if of_videos.squeeze_n is not None:
+        softness = fit_softness(log.runs, grid_of(board), of_videos.rigid, of_videos.squeeze_n, gel_pa_of(board),
+                                of_videos.modulus_pa)  # fmt: skip
+    return _Read(log.runs, features_of(board), [*log.remarks], softness)
+
+
 class WrenchEstimator(Estimator):
     """The wrench as a map of features."""
 
-    name = "wrench"
+    name = COMMAND.name
+    command = COMMAND
     kinds = ("wrench", "softness")  # of squeezes in the same videos
     is_reported = True
     needed = ("wrench",)
@@ -92,6 +149,41 @@ class WrenchEstimator(Estimator):
         return Outcome(
             "fitted", said, {**fit.report(), "accuracy_of_presses": _of_fewer(runs, holdout, fit, mechanics)}
         )
+
+    def fit_alone(self, job: Job, options: WrenchOptions, progress: Progress) -> Outcome:
+        """Fit to named columns, to videos beside a load cell, or to features and reference as `fit` does."""
+        board = job.found
+        read = _read(job, options, lambda done: progress(0.5 * done))
+        fit = fit_wrench_map(
+            read.runs,
+            holdout=options.holdout or ("recording" if len(set(recordings_of(read.runs))) > 1 else "block"),
+            bend=second_order_of(board) if board else None,
+            prior=marker_prior(board) if board and options.prior else None,
+            nonlinear=options.nonlinear,
+            # The size tells one kind of object, and videos are of several.
+            grid=read.features.grid if options.videos is None else None,
+        )
+        tensors, metadata = tables(fit, read.features)
+        job.tensors |= tensors
+        job.metadata |= metadata
+        report = {**fit.report(), "left_out": json.loads(metadata["residuals"])["left_out"]}
+        details = [wrench_table(fit)]
+        if read.softness is not None:
+            job.tensors |= read.softness.tables()
+            report["softness"] = read.softness.report()
+            details.append(read.softness.text())
+        details += [f"  left out: {line}" for line in report["left_out"]]
+        files: tuple[Path, ...] = ()
+        if options.report is not None:
+            gates = [gate._asdict() for gate in of_stage(self.name, self.gates(report, board))]
+            said = {"file": str(options.out), **report, "gates": gates}
+            write_whole(options.report, json.dumps(said, indent=1).encode())
+            files = (options.report,)
+        text = (
+            f"{fit.n_frames} frames of {fit.n_runs} recordings, reference {1e3 * fit.lag_s:.1f} ms behind the "
+            f"pictures, condition number {fit.condition:.1f}"
+        )
+        return Outcome("fitted", text, report, "\n".join(details), (*read.remarks, *fit.checks), files)
 
     def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
         axes = [(name, axis) for name, axis in report.get("axes", {}).items() if axis["full_scale"]]
