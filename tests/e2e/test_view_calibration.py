@@ -20,15 +20,19 @@ from test_kitchen_scale import STIFFER, Truth
 from tiny_twin import Twin
 
 from ruffini import host_clock
+from ruffini.boards import find_board
 from ruffini.daemon import Daemon, started_daemon
 from ruffini.device import Connection
+from ruffini.estimators.wrench.log import read_feature_runs
 from ruffini.rig.emulated_person import EmulatedPerson
 from ruffini.rig.frame_clock import FrameClock
 from ruffini.sim.unit import TwinUnit
+from ruffini.sim.units import build_unit
 from ruffini.view.calibrating_line import CalibratingLine
 
 FASTER = 12.0  # than real
 SETTLED_FRAMES = 5
+BALL_MM = 6.0  # of `Desk`
 MOST_ROUNDS = 3  # of presses after the first
 JUDGED = ((70.0, "x +1.5, y -1.0 mm"), (110.0, "x -2.0, y +1.5 mm"), (160.0, "x +0.5, y +0.5 mm"))  # never fitted
 PICTURES = os.environ.get("RUFFINI_PICTURES", "")  # folder for a picture of each step, for a person to look at
@@ -205,6 +209,33 @@ def test_from_the_button_to_newtons_and_back(
     assert np.abs(before).mean() > 0.12
     assert np.abs(after).mean() < 0.06
     assert undone.mean() == pytest.approx(before.mean(), abs=0.03)
+
+
+@pytest.mark.long
+def test_a_gel_without_markers_gives_newtons_after_twenty_presses(
+    person: EmulatedPerson, page: Page, tmp_path: Path, capsys: pytest.CaptureFixture[str], slow_is_fine: None
+) -> None:
+    """Colours and force from presses with one ball; another round with it is no other kind of contact."""
+    desk = Desk(Twin(build_unit(find_board("digit-tactile")), b""), tmp_path, person, capsys)
+    truth, heard = Truth(), list[str]()
+    desk.bench.twin.listeners.append(truth.note)
+    with desk.running(), viewer(CalibratingLine(desk.port, tmp_path / "calibrations")) as address:
+        ask(page, address)
+        assert "no markers" in step_of(page)["text"]
+        fill(page, "50, 100, 150, 200", "18", f"{BALL_MM:g}")
+        follow(page, person, heard)
+        choose(page, "Press 6 more")
+        follow(page, person, heard)
+        passed = step_of(page)
+        choose(page, "Flash it")
+        wait_for(page, "the end", lambda _: step_of(page)["phase"] == "flashed")
+        after = force_errors(desk, page, person, truth)
+    print(f"the force that the page shows is off the truth by {100 * np.abs(after).mean():.1f} %")
+    assert passed["said"] == "Passes its gates"
+    assert np.abs(after).mean() < 0.06
+    (log,) = {path.parent for path in (tmp_path / "calibrations").glob("*/presses-2.h5")}
+    runs = read_feature_runs(sorted(log.glob("presses-*.h5")), desk.twin.board)
+    assert len({run.kind for run in runs}) == 1
 
 
 def test_whatever_ends_it_the_presses_stay_and_are_gone_on_with(

@@ -113,8 +113,6 @@ def how_calibrated(board: Board) -> str:
         return f"by `ruffini cal fit --only {task.name}`"
     if task.scale_part is not None:
         return "with Calibrate in the page, or `ruffini cal auto`"
-    if board.picture_features is not None:
-        return "by `ruffini cal auto`, or `ruffini cal fit` of presses (`ruffini cal collect --rig scale`) or of videos"
     return "by `ruffini cal auto`"
 
 

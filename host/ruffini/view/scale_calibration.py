@@ -68,6 +68,10 @@ WHAT_IT_TAKES = (
 NEEDS_BALL = (
     "this sensor has no calibration that tells depth from colours: press with a ball and give its diameter in mm"
 )
+ONE_KIND = (
+    "this gel has no markers: the forces are right for what you press with, and less so for what touches the gel in "
+    "another way, as the stated uncertainty says"
+)
 
 OTHER = (
     "these presses were begun with another calibration in force than now: begin a new calibration, or put the former "
@@ -212,8 +216,9 @@ class ScaleCalibration:
         scale_span(self._board)
         self.current = None
         folder = self._unfinished()
+        needs_ball = not self._is_calibrated and needs_ball_first(self._board)
         # Colours that are learned from the same presses need more and deeper ones.
-        grams, n = ("50, 100, 150, 200", "20") if self._is_calibrated else ("100, 150, 200", "30")
+        grams, n = ("100, 150, 200", "30") if needs_ball else ("50, 100, 150, 200", "20")
         fields = (
             Field("grams", "Weights to press", grams, "g"),
             Field("presses", "Presses", n, ""),
@@ -221,8 +226,10 @@ class ScaleCalibration:
             Field("scale", "Port of the scale, if it has one that prints grams", "".join(find_scales()[:1]), ""),
         )
         text = WHAT_IT_TAKES
-        if not self._is_calibrated and needs_ball_first(self._board):
+        if needs_ball:
             text += f" Note: {NEEDS_BALL}."
+        if self._board.picture_features is not None:
+            text += f" Note: {ONE_KIND}."
         if self._key_ids:
             text += f' Note: {self._owners_way("FILE")}; at the end the button "Flash it" shows the whole command.'
         choices: tuple[Choice, ...] = (BEGIN, UNDO, CLOSE) if self._is_calibrated else (BEGIN, CLOSE)
@@ -448,9 +455,9 @@ def _worst_of(report: Path) -> list[ScalePress]:
     if not report.exists():
         return []
     try:
-        worst = json.loads(readable(report).read_text())["worst"]
+        worst = json.loads(readable(report).read_text()).get("worst", [])  # only reports of a pad name places
         return [ScalePress(float(w["x_m"]), float(w["y_m"]), float(w["grams"])) for w in worst]
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(f"{report}: cannot be read ({error!r}): Continue makes it again") from error
 
 

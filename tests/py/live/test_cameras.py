@@ -102,7 +102,7 @@ def test_what_is_missing_is_one_sentence() -> None:
     assert "never measures force_z, torque_x" in said
     for board, how in {
         "gelslim": "with Calibrate in the page, or `ruffini cal auto`",
-        "digit-tactile": "by `ruffini cal auto`, or `ruffini cal fit` of presses (`ruffini cal collect --rig scale`)",
+        "digit-tactile": "with Calibrate in the page, or `ruffini cal auto`",
         "ftouch": "by `ruffini cal auto`",
         "eltac": "by `ruffini cal auto`",
         "contact-glitter": "by `ruffini cal fit --only contact`",

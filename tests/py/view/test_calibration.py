@@ -239,13 +239,15 @@ def test_a_scale_that_cannot_be_opened_leaves_the_form_and_nothing_else(tmp_path
     assert not (tmp_path / "calibrations").exists()
 
 
-@pytest.mark.parametrize("text", ["spoilt", "[]", "{}", '{"worst": [{"x_m": 0}]}', '{"worst": 7}'])
+@pytest.mark.parametrize("text", ["spoilt", "[]", '{"worst": [{"x_m": 0}]}', '{"worst": 7}'])
 def test_a_spoilt_report_is_named_and_made_again(text: str, tmp_path: Path) -> None:
     path = tmp_path / "report.json"
     assert scale_calibration._worst_of(path) == []
     path.write_text(text)
     with pytest.raises(InputError, match=rf"{path}: cannot be read .*: Continue makes it again"):
         scale_calibration._worst_of(path)
+    path.write_text('{"axes": {}}')  # of a wrench, which names no places
+    assert scale_calibration._worst_of(path) == []
     path.write_text('{"worst": [{"x_m": 0.001, "y_m": 0, "grams": 50, "told": "press", "error_n": 1}]}')
     assert scale_calibration._worst_of(path) == [ScalePress(0.001, 0.0, 50.0)]
 
@@ -334,7 +336,8 @@ def test_a_refused_flash_of_a_sensor_with_owners_says_how_they_flash(
 def test_boards_that_a_scale_cannot_calibrate_say_so() -> None:
     assert scale_span(find_board("gelslim")).half_x_m > 0
     assert needs_ball_first(find_board("gelslim"))
-    for name in ("gelsight-wedge", "ftouch", "eltac", "stereo-fingertip"):
+    assert not needs_ball_first(find_board("gelsight-wedge"))
+    for name in ("ftouch", "eltac", "stereo-fingertip"):
         with pytest.raises(InputError, match=r"scale|videos|estimator"):
             scale_span(find_board(name))
 

@@ -193,7 +193,9 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
             time_s, rows, reference = _placed(touch, time_s, rows, reference)
             reference_s = time_s
         tip = touch.facts.get("tip", log.facts.get("tip"))
-        kind = json.dumps(tip, sort_keys=True) if tip else str(path)
+        # Rounds of one calibration from the page are pressed with the same thing.
+        unnamed = path.parent if "round" in log.facts else path
+        kind = json.dumps(tip, sort_keys=True) if tip else str(unnamed)
         out.append(FeatureRun(f"{path.name}/{number}", time_s, rows, np.asarray(np.isfinite(rows).all(axis=1)),
                               reference_s, reference, Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest)),
                               np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}",

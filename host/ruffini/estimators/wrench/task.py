@@ -84,5 +84,5 @@ def _straight(span: Span, n: int, seed: int) -> Sequence[Item]:
 
 PRESSES = replace(
     TASK, program="balls", whole=Counts(0, 60, 20, 0), quick=Counts(0, 16, 6, 0),
-    unit="% of the largest normal force, RMS", fitted=_straight, judged=_straight,
+    unit="% of the largest normal force, RMS", fitted=_straight, judged=_straight, scale_part=1.0,
 )  # fmt: skip
