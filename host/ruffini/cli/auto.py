@@ -170,6 +170,8 @@ def _real(
     from ruffini.rig.stop_key import stop_key
 
     settings = load_rig(path)
+    if settings.stage is not None:
+        settings.stage.rotary(board)  # refuses a stage that cannot press this board
     if task.program == INDENTERS:
         raise InputError(
             f"board {board.name!r} is fitted on indenters of many sizes and hardnesses, and `cal auto` does not know "
@@ -190,7 +192,7 @@ def _real(
             known |= set() if previous is None else {previous.sha256}
             if not is_forced:
                 _need_known(sensor.hello.sensors[0].calibration, known)
-            parts = open_real(stack, settings, sensor, TerminalPerson(note))
+            parts = open_real(stack, settings, board, sensor, TerminalPerson(note))
             if calibration is not None:
                 write_whole(flashed, "\n".join(sha.hex() for sha in known | {calibration.sha256}).encode())
                 parts.sensor.flash(calibration.data)

@@ -250,7 +250,11 @@ def _reach(settings: RigSettings | None, board: Board) -> tuple[float, float] | 
 def _limits(settings: RigSettings | None, board: Board, span: Span, ball_mm: float) -> Limits:
     from ruffini.demo.twin_session import limits_of
 
-    return limits_of(board, span, ball_mm) if settings is None else settings.limits.limits
+    if settings is None:
+        return limits_of(board, span, ball_mm)
+    if settings.stage is not None:
+        settings.stage.rotary(board)  # refuses a stage that cannot press this board, also in a dry run
+    return settings.limits.limits
 
 
 @contextlib.contextmanager
@@ -274,7 +278,7 @@ def _bench(
             note(f"SIMULATED bench of {board.name}")
         else:
             person = TerminalPerson(note, page=page.keys if page else None)
-            parts = open_real(stack, settings, stack.enter_context(open_sensor()), person)
+            parts = open_real(stack, settings, board, stack.enter_context(open_sensor()), person)
         if calibration is not None:
             parts.sensor.flash(container.read(calibration).data)
         key = stack.enter_context(stop_key())

@@ -8,7 +8,7 @@ import time
 
 from ruffini import host_clock
 from ruffini.rig.emulated_machine import MAX_BLOCKS, EmulatedMachine
-from ruffini.rig.stage import Place
+from ruffini.rig.stage import Place, Rotary
 
 WORD = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
 BUSY_S = 0.5  # between two notes that a command takes time; real, as the patience of who waits for the answer
@@ -18,8 +18,22 @@ def _target(machine: EmulatedMachine, text: str, *, is_relative: bool = False) -
     """Where a G1 leads from what is planned, and its speed (m/s)."""
     words = {letter: float(value) for letter, value in WORD.findall(text)}
     last = machine.blocks[-1].end
-    place = Place(*(1e-3 * words[a] + is_relative * v if a in words else v for a, v in zip("XYZ", last, strict=True)))
-    return place, words["F"] / 60e3 if "F" in words else None
+    ways = {a: 1e-3 * words[a] for a in "XYZ" if a in words}
+    speed_m_s = words["F"] / 60e3 if "F" in words else None
+    if (rotary := machine.rotary) is not None:
+        ways.pop("X", None)  # the way round what it turns is the other axis's
+        if rotary.letter in words:
+            ways["X"] = rotary.way_m(words[rotary.letter])
+            speed_m_s = rotary.way_m(words["F"] / 60) if "F" in words else None
+    place = Place(*(ways[a] + is_relative * v if a in ways else v for a, v in zip("XYZ", last, strict=True)))
+    return place, speed_m_s
+
+
+def _axes(machine: EmulatedMachine, place: Place) -> tuple[list[float], float | None]:
+    """Its straight axes in mm, and the degrees of the one that turns, as it tells them."""
+    x, y, z = (1e3 * v for v in place)
+    rotary = machine.rotary
+    return ([x, y, z], None) if rotary is None else ([1e3 * rotary.x_m, y, z], rotary.degrees(place.x_m))
 
 
 class EmulatedMarlin(EmulatedMachine):
@@ -27,8 +41,10 @@ class EmulatedMarlin(EmulatedMachine):
 
     garble = 0
 
-    def __init__(self, *, bottom_z_m: float = -0.1, has_emergency_parser: bool = True) -> None:
-        super().__init__(bottom_z_m=bottom_z_m)
+    def __init__(
+        self, *, bottom_z_m: float = -0.1, has_emergency_parser: bool = True, rotary: Rotary | None = None
+    ) -> None:
+        super().__init__(bottom_z_m=bottom_z_m, rotary=rotary)
         self._has_emergency_parser = has_emergency_parser
         self._last_number, self._is_relative = 0, False
         self._answer: list[str] = []  # said once it stands still
@@ -79,8 +95,9 @@ class EmulatedMarlin(EmulatedMachine):
         if code == "G28":
             self.find_home()
         elif code == "M114":
-            x, y, z = (1e3 * v for v in self.blocks[-1].end)
-            self.say(f"X:{x:.4f} Y:{y:.4f} Z:{z:.4f} E:0.00 Count X:0 Y:0 Z:0")
+            (x, y, z), turned = _axes(self, self.blocks[-1].end)
+            more = f" {self.rotary.letter}:{turned:.4f}" if self.rotary else ""
+            self.say(f"X:{x:.4f} Y:{y:.4f} Z:{z:.4f}{more} E:0.00 Count X:0 Y:0 Z:0")
         elif code == "M400":
             self._answer, self._noted_s = ["ok"], time.monotonic()
             return
@@ -104,8 +121,8 @@ class EmulatedMarlin(EmulatedMachine):
 class EmulatedGrbl(EmulatedMachine):
     """Realtime ?, ! and reset; alarm lock until it is homed."""
 
-    def __init__(self, *, bottom_z_m: float = -0.1) -> None:
-        super().__init__(bottom_z_m=bottom_z_m)
+    def __init__(self, *, bottom_z_m: float = -0.1, rotary: Rotary | None = None) -> None:
+        super().__init__(bottom_z_m=bottom_z_m, rotary=rotary)
         self._is_locked, self._is_held, self._has_hit = True, False, False
 
     def greet(self) -> None:
@@ -139,8 +156,9 @@ class EmulatedGrbl(EmulatedMachine):
         if self._has_hit and not self.is_moving():
             self._alarm(1)
         state = "Alarm" if self._is_locked else "Hold:0" if self._is_held else "Run" if self.is_moving() else "Idle"
-        x, y, z = (1e3 * v for v in self.reported())
-        self.say(f"<{state}|MPos:{x:.3f},{y:.3f},{z:.3f}|FS:0,0>")
+        (x, y, z), turned = _axes(self, self.reported())
+        more = "" if turned is None else f",{turned:.3f}"
+        self.say(f"<{state}|MPos:{x:.3f},{y:.3f},{z:.3f}{more}|FS:0,0>")
 
     def obey(self, line: str) -> None:
         text = line.removeprefix("G53 ")

@@ -12,7 +12,7 @@ import tty
 from typing import NamedTuple
 
 from ruffini import host_clock
-from ruffini.rig.stage import Place
+from ruffini.rig.stage import Place, Rotary
 
 HOME_PLACE = Place(0.0, 0.0, 0.05)
 HOMING_S = 0.1
@@ -38,7 +38,7 @@ class Block(NamedTuple):
 class EmulatedMachine:
     """Motion and line of a machine on a pty; dialects say what it answers. `with` runs it."""
 
-    def __init__(self, *, bottom_z_m: float = -0.1) -> None:
+    def __init__(self, *, bottom_z_m: float = -0.1, rotary: Rotary | None = None) -> None:
         self._board, host = pty.openpty()
         self._host = host
         tty.setraw(host)
@@ -47,6 +47,7 @@ class EmulatedMachine:
         self.blocks: list[Block] = [Block(HOME_PLACE, HOME_PLACE, 0.0, 0.0)]
         self.slip = Place(0.0, 0.0, 0.0)  # steps that the motors lost
         self.bottom_z_m = bottom_z_m  # of its lower limit switch
+        self.rotary = rotary  # turns what is pressed: x is then the way round it
         self.is_homed, self.is_deaf = False, False
         self.received: list[str] = []
         self._stop = threading.Event()

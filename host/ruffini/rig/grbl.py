@@ -8,12 +8,13 @@ import time
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.gcode_line import GcodeLine
-from ruffini.rig.stage import Guard, Place, no_guard
+from ruffini.rig.stage import Guard, Place, Rotary, moves, no_guard
 
 BAUD = 115200
 START_S, ANSWER_S, HOME_S, REPORT_S, HOLD_S = 3.0, 15.0, 120.0, 0.02, 2.0
 ARRIVED_M = 5e-6
-REPORT = re.compile(r"<(\w+(?::\d+)?)\|MPos:(-?[\d.]+),(-?[\d.]+),(-?[\d.]+)")
+REPORT = re.compile(r"<(\w+(?::\d+)?)\|MPos:(-?[\d.]+(?:,-?[\d.]+){2,})")
+AXES = "XYZABCUVW"  # in the order of MPos
 ALARMS = {
     "1": "a limit switch was hit and steps were lost",
     "2": "the move leads out of its own soft limits",
@@ -28,8 +29,11 @@ ERRORS = {"9": "it is locked by an alarm", "15": "the jog leads out of its own s
 class Grbl:
     """One machine; raises NoDeviceError where nothing answers as GRBL does."""
 
-    def __init__(self, port: str, *, baud: int = BAUD, name: str = "GRBL machine") -> None:
+    def __init__(
+        self, port: str, *, baud: int = BAUD, name: str = "GRBL machine", rotary: Rotary | None = None
+    ) -> None:
         self.name = f"{name} on {port}"
+        self._rotary = rotary
         self._line = GcodeLine(port, baud)
         self._is_homed = False
         try:
@@ -64,10 +68,10 @@ class Grbl:
     def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
         if not self._is_homed:
             raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
-        x, y, z = (1e3 * v for v in place)
         distance = self.position().distance(place)
         try:
-            self._command(f"G53 G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{60e3 * speed_m_s:.1f}", ANSWER_S, guard)
+            for words in moves(place, speed_m_s, self._rotary):
+                self._command(f"G53 G1 {words}", ANSWER_S, guard)
             self._arrive(place, ANSWER_S + 2 * distance / speed_m_s, guard)
         except BaseException:
             if self._is_homed:  # it still knows where it is: the guard, or Ctrl-C, wants it to stand still
@@ -122,9 +126,20 @@ class Grbl:
                 continue
             match = REPORT.match(line)
             if match:
-                return match[1], Place(*(1e-3 * float(v) for v in match.groups()[1:]))
+                return match[1], self._place([float(v) for v in match[2].split(",")])
             self._check(line)
         raise NoDeviceError(f"{self.name} does not report its state for {ANSWER_S:g} s: is it plugged in?")
+
+    def _place(self, axes: list[float]) -> Place:
+        x_m, y_m, z_m = (1e-3 * v for v in axes[:3])
+        if self._rotary is None:
+            return Place(x_m, y_m, z_m)
+        i = AXES.index(self._rotary.letter)
+        if i >= len(axes):
+            raise NoDeviceError(
+                f"{self.name} reports {len(axes)} axes, none of them {self._rotary.letter}: check [stage] rotary_axis"
+            )
+        return Place(self._rotary.way_m(axes[i]), y_m, z_m)
 
     def _command(self, text: str, timeout_s: float, guard: Guard = no_guard) -> None:
         self._line.send(text.encode() + b"\n")

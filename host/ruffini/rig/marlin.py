@@ -9,7 +9,7 @@ import time
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.gcode_line import GcodeLine
-from ruffini.rig.stage import Guard, Place, no_guard
+from ruffini.rig.stage import Guard, Place, Rotary, moves, no_guard
 
 BAUD = 115200
 START_S, ANSWER_S, HOME_S, HALT_S = 5.0, 15.0, 120.0, 10.0  # a long move without "busy" answers late
@@ -21,8 +21,11 @@ RESEND = re.compile(r"(?:Resend|rs):?\s*N?(\d+)", re.IGNORECASE)
 class Marlin:
     """One machine; raises NoDeviceError where nothing answers as Marlin does."""
 
-    def __init__(self, port: str, *, baud: int = BAUD, name: str = "Marlin machine") -> None:
+    def __init__(
+        self, port: str, *, baud: int = BAUD, name: str = "Marlin machine", rotary: Rotary | None = None
+    ) -> None:
         self.name = f"{name} on {port}"
+        self._rotary = rotary
         self._line = GcodeLine(port, baud)
         self._number = 0
         self._is_homed = False
@@ -50,15 +53,22 @@ class Marlin:
         for line in self._command("M114", ANSWER_S):
             match = POSITION.search(line)
             if match:
-                return Place(*(1e-3 * float(v) for v in match.groups()))
+                x_m, y_m, z_m = (1e-3 * float(v) for v in match.groups())
+                return Place(x_m if self._rotary is None else self._turned_m(line, self._rotary), y_m, z_m)
         raise NoDeviceError(f"{self.name} does not tell its position: is it Marlin?")
+
+    def _turned_m(self, line: str, rotary: Rotary) -> float:
+        turned = re.search(rf" {rotary.letter}:(-?[\d.]+)", line)
+        if turned is None:
+            raise NoDeviceError(f"{self.name} has no axis {rotary.letter} ({line}): check [stage] rotary_axis")
+        return rotary.way_m(float(turned[1]))
 
     def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
         if not self._is_homed:
             raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
-        x, y, z = (1e3 * v for v in place)
         try:
-            self._command(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{60e3 * speed_m_s:.1f}", ANSWER_S, guard)
+            for words in moves(place, speed_m_s, self._rotary):
+                self._command(f"G1 {words}", ANSWER_S, guard)
             self._command("M400", ANSWER_S, guard)  # answered when it stands
         except BaseException:
             if self._is_homed:  # it still knows where it is: the guard, or Ctrl-C, wants it to stand still

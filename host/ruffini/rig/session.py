@@ -58,19 +58,21 @@ class Parts(SensorParts):
     mount: Callable[[Tool], None] | None = field(default=None, kw_only=True)
 
 
-def open_real(stack: contextlib.ExitStack, settings: RigSettings, sensor: Connection, person: Person) -> Parts:
+def open_real(
+    stack: contextlib.ExitStack, settings: RigSettings, board: Board, sensor: Connection, person: Person
+) -> Parts:
     """Connect to what a bench's file names; `stack` gives it back."""
     reference, max_force_n = settings.reference.open(), settings.limits.max_force_n
     if settings.stage is None:
         return Parts(sensor, person, reference=reference, max_force_n=max_force_n)
     try:
-        stage = settings.stage.open()
+        stage = settings.stage.open(board)
     except BaseException:
         reference.close()
         raise
     stack.callback(stage.close)
     return Parts(sensor, person, reference=reference, max_force_n=max_force_n, stage=stage,
-                 origin=settings.stage.origin)  # fmt: skip
+                 origin=settings.stage.origin(board))  # fmt: skip
 
 
 class Watched(NamedTuple):

@@ -12,6 +12,8 @@ sigma_n = 0.005
 kind = "marlin"             # or grbl
 port = "/dev/ttyACM1"
 origin_mm = [110.0, 95.0, 42.0]   # the machine's coordinates with the tip on the middle of the pad
+rotary_axis = "A"           # of a board that is a tube: the axis in degrees that turns it under the tip
+rotary_origin_deg = 0.0     # its position there
 [tip]                       # what touches the pad
 shape = "sphere"
 diameter_mm = 6.0
@@ -34,6 +36,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.files import readable
 from ruffini.rig.grbl import Grbl
@@ -44,7 +47,7 @@ from ruffini.rig.marlin import Marlin
 from ruffini.rig.network_cell import NetworkCell, fetch_settings
 from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.reference import Reference
-from ruffini.rig.stage import Place, Stage
+from ruffini.rig.stage import Place, Rotary, Stage
 from ruffini.rig.text_cell import TextCell
 from ruffini.rig.turned import Turned, turn_of
 from ruffini.rig.units import force_factor
@@ -164,15 +167,39 @@ class StageSettings(_Section):
     port: str
     origin_mm: Annotated[list[Mm], Field(min_length=3, max_length=3)]
     baud: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
+    rotary_axis: Annotated[str, Field(pattern="^[ABCUVW]$")] | None = None
+    rotary_origin_deg: Annotated[float, Field(ge=-3600, le=3600)] = 0.0
 
-    @property
-    def origin(self) -> Place:
-        """The pad's centre in the machine's coordinates."""
-        return Place(*(1e-3 * v for v in self.origin_mm))
+    def rotary(self, board: Board) -> Rotary | None:
+        """What turns the board under the tip; None where it is flat.
 
-    def open(self) -> Stage:
-        """Connect to it."""
-        return Marlin(self.port, baud=self.baud) if self.kind == "marlin" else Grbl(self.port, baud=self.baud)
+        Raises
+        ------
+        InputError
+            A tube that nothing turns, or a flat pad that something does.
+        """
+        is_tube = board.skin is not None and board.skin.shape == "tube"
+        if is_tube and self.rotary_axis is None:
+            raise InputError(
+                f"board {board.name!r} is a tube, and this stage only moves straight: give [stage] rotary_axis, the "
+                'axis in degrees that turns the tube under the tip, e.g. "A"'
+            )
+        if not is_tube and self.rotary_axis is not None:
+            raise InputError(f"board {board.name!r} is no tube: take rotary_axis out of [stage]")
+        if board.skin is None or self.rotary_axis is None:
+            return None
+        return Rotary(self.rotary_axis, 1e-6 * board.skin.radius_um, 1e-3 * self.origin_mm[0])
+
+    def origin(self, board: Board) -> Place:
+        """The pad's centre in the machine's coordinates, on a tube with the way round it; raises as `rotary`."""
+        x_m, y_m, z_m = (1e-3 * v for v in self.origin_mm)
+        rotary = self.rotary(board)
+        return Place(x_m if rotary is None else rotary.way_m(self.rotary_origin_deg), y_m, z_m)
+
+    def open(self, board: Board) -> Stage:
+        """Connect to it; raises as `rotary`."""
+        driver = Marlin if self.kind == "marlin" else Grbl
+        return driver(self.port, baud=self.baud, rotary=self.rotary(board))
 
 
 class TipSettings(_Section):

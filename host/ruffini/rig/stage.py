@@ -1,7 +1,8 @@
-"""The interface of motion stages: positions, guarded moves and a halt."""
+"""The interface of motion stages: positions, guarded moves and a halt; and an axis that turns a tube under the tip."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -33,6 +34,38 @@ class Place(NamedTuple):
         return f"x {1e3 * self.x_m:.2f}, y {1e3 * self.y_m:.2f}, z {1e3 * self.z_m:.2f} mm"
 
 
+class Rotary(NamedTuple):
+    """An axis in degrees that turns a tube under the tip. It takes the place of x, which is the way round the tube.
+
+    letter : its G-code word; radius_m : of the tube; x_m : where the machine's own x axis stays, above the tube's axis.
+    """
+
+    letter: str
+    radius_m: float
+    x_m: float
+
+    def degrees(self, way_m: float) -> float:
+        """Of a way round the tube."""
+        return math.degrees(way_m / self.radius_m)
+
+    def way_m(self, degrees: float) -> float:
+        """Round the tube."""
+        return math.radians(degrees) * self.radius_m
+
+
+def moves(place: Place, speed_m_s: float, rotary: Rotary | None) -> list[str]:
+    """Words of the G1 commands that lead to a place.
+
+    Firmwares disagree on what F means where degrees and millimetres move together: the tube turns first, alone.
+    """
+    x, y, z = (1e3 * v for v in place)
+    feed = f"F{60e3 * speed_m_s:.1f}"
+    if rotary is None:
+        return [f"X{x:.4f} Y{y:.4f} Z{z:.4f} {feed}"]
+    turn = f"{rotary.letter}{rotary.degrees(place.x_m):.4f} F{60 * rotary.degrees(speed_m_s):.1f}"
+    return [turn, f"X{1e3 * rotary.x_m:.4f} Y{y:.4f} Z{z:.4f} {feed}"]
+
+
 def no_guard() -> None:
     """A guard that never stops a move."""
 
@@ -50,7 +83,9 @@ class Stage(Protocol):
         """Its reported position."""
 
     def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
-        """In a straight line; returns when it stands there. `guard` is called all the time: where it raises, it halts.
+        """In a straight line, with a `Rotary` in two; returns when it stands there.
+
+        `guard` is called all the time: where it raises, the stage halts.
 
         Raises
         ------

@@ -354,7 +354,7 @@ class ScaleCalibration:
             frames = (frame for frame, _ in sensor.stream(timeout_s=SILENCE_S) if frame.sensor != DEVICE)
             is_simulated = any(frame.is_simulated for frame in itertools.islice(frames, 1))
             with contextlib.ExitStack() as stack:
-                parts = open_real(stack, scale_rig(kept.scale), sensor, person)
+                parts = open_real(stack, scale_rig(kept.scale), board, sensor, person)
                 bench = stack.enter_context(ready_bench(parts, board, None, self._keys.guard))
                 bench.guide, self._bench = self._guide, bench
                 tip = None if kept.ball_mm is None else {"shape": "sphere", "radius_m": kept.ball_mm / 2e3}

@@ -14,7 +14,7 @@ from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_machine import EmulatedMachine
 from ruffini.rig.grbl import Grbl
 from ruffini.rig.marlin import Marlin
-from ruffini.rig.stage import Place
+from ruffini.rig.stage import Place, Rotary
 
 A, B = Place(0.01, 0.02, 0.04), Place(0.011, 0.02, 0.0395)
 FAR = Place(6.0, 0.02, 0.04)  # two minutes away at 0.05 m/s: it is never reached
@@ -217,3 +217,34 @@ def test_the_wrong_dialect_is_told(monkeypatch):
         Grbl(machine.port)
     with EmulatedGrbl() as machine, pytest.raises(NoDeviceError, match="does it run Marlin"):
         Marlin(machine.port)
+
+
+TUBE = Rotary("A", radius_m=0.04, x_m=0.11)
+ROUND = Place(0.02, 0.03, 0.045)  # 20 mm round the tube
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_axis_turns_the_tube_first_and_x_stays(kind: str) -> None:
+    emulated, driver = KINDS[kind]
+    with emulated(rotary=TUBE) as machine:
+        stage = driver(machine.port, rotary=TUBE)
+        stage.home()
+        stage.move(ROUND, 0.5)
+        assert machine.place().distance(ROUND) < 1e-6
+        assert stage.position().distance(ROUND) < 2e-6
+        stage.close()
+    turn, straight = [line for line in machine.received if "G1" in line]
+    assert "A28.6479 F42971.8" in turn  # 20 mm / 40 mm in degrees; 0.5 m/s in degrees a minute
+    assert not set("XYZ") & set(turn.partition("G1")[2])
+    assert "X110.0000 Y30.0000 Z45.0000 F30000.0" in straight
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_machine_without_the_axis_says_so(kind: str) -> None:
+    emulated, driver = KINDS[kind]
+    with emulated() as machine:
+        stage = driver(machine.port, rotary=TUBE)
+        stage.home()
+        with pytest.raises(NoDeviceError, match=r"check \[stage\] rotary_axis"):
+            stage.position()
+        stage.close()

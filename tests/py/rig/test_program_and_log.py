@@ -15,6 +15,7 @@ from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.log_file import LogWriter, TouchRecord, read_log
 from ruffini.rig.program import Span, plan, span_of
 from ruffini.rig.settings import load_rig
+from ruffini.rig.stage import Rotary
 from ruffini.rig.touch import faults_of
 
 SPAN = Span(0.006, 0.004, 0.001, 0.0003)
@@ -219,7 +220,7 @@ def test_bench_file(tmp_path):
     path = tmp_path / "rig.toml"
     path.write_text(RIG)
     rig = load_rig(path)
-    assert rig.stage.origin == pytest.approx((0.11, 0.095, 0.042))
+    assert rig.stage.origin(find_board("gelslim")) == pytest.approx((0.11, 0.095, 0.042))
     assert rig.limits.limits == Limits(0.008, 0.006, 0.003, -0.0015, 0.0012, 6.0)
     for old, new, sentence in [
         ("max_force_n = 6.0", "", "limits.max_force_n"),
@@ -231,3 +232,19 @@ def test_bench_file(tmp_path):
         path.write_text(RIG.replace(old, new))
         with pytest.raises(InputError, match=sentence):
             load_rig(path)
+
+
+def test_a_tube_wants_an_axis_that_turns_it_and_a_flat_pad_none(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG)
+    straight = load_rig(path).stage
+    path.write_text(RIG.replace("[limits]", 'rotary_axis = "A"\nrotary_origin_deg = 90.0\n[limits]'))
+    turning = load_rig(path).stage
+    flat, tube = find_board("gelslim"), find_board("eltac")
+    assert straight.rotary(flat) is None
+    for stage, board, sentence in ((straight, tube, "is a tube, and this stage"), (turning, flat, "is no tube")):
+        with pytest.raises(InputError, match=sentence):
+            stage.open(board)
+    radius_m = 1e-6 * tube.skin.radius_um
+    assert turning.rotary(tube) == Rotary("A", radius_m, 0.11)
+    assert turning.origin(tube) == pytest.approx((radius_m * np.pi / 2, 0.095, 0.042))
