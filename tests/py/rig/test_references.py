@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 from fakes import FakeFx29, RdtServer, printing_board
-from hang import until
+from hang import HANG_S, until
 
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.rig.csv_log import read_csv_log
@@ -24,10 +24,10 @@ SCALE = np.array([50.0, 50, 100, 1, 1, 1])
 SIGMA = SCALE / 400
 
 
-def read_on(reference: Reference) -> None:
+def read_on(reference: Reference, timeout_s: float = 0.2) -> None:
     """Read until it fails, fifty times at most."""
     for _ in range(50):
-        reference.read(0.2)
+        reference.read(timeout_s)
 
 
 # ---- FX29 over I2C
@@ -135,7 +135,7 @@ def test_text_cell_that_stops_making_sense_or_is_unplugged():
         cell.read(1)
         text[0] = "sensor error"
         with pytest.raises(InputError, match="'sensor error' has no number"):
-            read_on(cell)
+            read_on(cell, HANG_S)
         unplug()
         with pytest.raises(NoDeviceError, match=r"unplugged|no number"):
             cell.read(0.1)
@@ -186,7 +186,7 @@ def test_network_cell_saturates_fails_and_falls_silent():
         assert [r for _ in range(20) for r in cell.read(1)][-1].is_saturated  # at its range
         box.status = 0x80800000
         with pytest.raises(NoDeviceError, match="status 0x80800000"):
-            read_on(cell)
+            read_on(cell, HANG_S)
         box.is_streaming = False
         with pytest.raises(NoDeviceError, match="nothing"):
             read_on(cell)
