@@ -150,6 +150,18 @@ def test_verbs_use_a_camera_of_this_computer_and_its_calibrations(
         assert sentence in said
 
 
+def test_a_snapshot_of_a_board_without_a_field_is_the_cameras_frame(
+    video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    out = tmp_path / "rest.png"
+    monkeypatch.setattr(
+        sys, "argv", ["ruffini", "--camera", str(video), "--board", "digit-tactile", "snapshot", "--out", str(out)]
+    )
+    assert main() == 0
+    assert any(np.array_equal(cv2.imread(str(out)), frame) for frame in read_frames(video))
+
+
 def test_a_recording_of_another_board_or_a_spoilt_mark_is_refused(video: Path, tmp_path: Path) -> None:
     board = find_board("gelsight-mini")
     for text, sentence in (

@@ -14,7 +14,10 @@ from ruffini.cli.own_camera import own_camera
 from ruffini.errors import InputError, NoDeviceError
 
 if TYPE_CHECKING:
+    from ruffini.boards import Board
     from ruffini.device import Connection
+    from ruffini.device.results import Image
+    from ruffini.wire import Frame, Schema
 
 
 def common_options(
@@ -185,6 +188,29 @@ def record(
     )
 
 
+def _camera_picture(out: Path, image: Image, board: Board, schema: Schema, frame: Frame, json_: bool) -> None:
+    """Write the camera's frame at the board's size, so that its pixels are those of board.toml."""
+    import cv2
+    import numpy as np
+
+    from ruffini.files import write_whole
+
+    size = (board.camera.width_px, board.camera.height_px)
+    step = image.step_px
+    whole = cv2.warpAffine(
+        image.pixels, np.array([[step, 0.0, 0.0], [0.0, step, 0.0]]), size, borderMode=cv2.BORDER_REPLICATE
+    )
+    write_whole(out, cv2.imencode(".png", whole)[1].tobytes())
+    flags = schema.enum_names("FlagBit", image.flags)
+    decimated = f" (every {image.step_px}th pixel was sent)" if image.step_px > 1 else ""
+    emit(
+        {"file": str(out), "frame": image.frame, "flags": flags, "step_px": image.step_px,
+         "simulated": frame.is_simulated, "replay": frame.is_replay},
+        json_,
+        f"{out}: camera frame {image.frame}, {size[0]}x{size[1]} px{decimated}",
+    )  # fmt: skip
+
+
 def _where_pressed(sigma: Any, force: Any) -> Any:
     """Mean standard deviation (3,) of the nodes that press; of all where none does."""
     pressed = force[..., 2] < 0
@@ -195,7 +221,7 @@ def snapshot(
     out: Annotated[Path, typer.Option("--out", help="PNG to write.")] = Path("snapshot.png"),
     json_: JsonFlag = False,
 ) -> None:
-    """A picture of the field as it is now."""
+    """A picture of the field as it is now; the camera's, pixel for pixel, where the board has no field."""
     from ruffini.boards import parse_board
     from ruffini.demo.pictures import field_over_frame
     from ruffini.demo.view import node_pixels, node_places
@@ -204,26 +230,28 @@ def snapshot(
     from ruffini.errors import NoDeviceError
 
     with open_sensor() as sensor:
-        sensor.subscribe(field=1, image=1)
         board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
-        got: dict[str, dict[int, Any]] = {"FIELD": {}, "IMAGE": {}}
+        has_field = board.writes("node_forces")
+        sensor.subscribe(field=int(has_field), image=1)
+        got: dict[str, dict[int, Any]] = {**({"FIELD": {}} if has_field else {}), "IMAGE": {}}
         end_s = time.monotonic() + IMAGE_S
         for frame, message in sensor.stream(timeout_s=SILENCE_S):
             name = sensor.schema.type_name(frame.type)
             if time.monotonic() > end_s:
-                lacking = [kind.lower() for kind, there in got.items() if not there] or [
-                    "image of a frame with a field"
-                ]
+                lacking = [kind.lower() for kind, there in got.items() if not there]
+                lacking = lacking or ["image of a frame with a field"]
                 raise NoDeviceError(f"{sensor.port}: no {' and no '.join(lacking)} came: does this sensor send it?")
             if name not in got:
                 continue
             result = RESULTS[name].from_message(message)
             got[name][result.frame] = result
-            both = sorted(got["FIELD"].keys() & got["IMAGE"].keys())
+            both = sorted(set.intersection(*(set(there) for there in got.values())))
             if both:
                 break
         else:
-            raise NoDeviceError(f"{sensor.port}: no field for {SILENCE_S:.0f} s: is the camera running?")
+            raise NoDeviceError(f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
+    if not has_field:
+        return _camera_picture(out, got["IMAGE"][both[0]], board, sensor.schema, frame, json_)
     field, image = got["FIELD"][both[0]], got["IMAGE"][both[0]]
     flags = sensor.schema.enum_names("FlagBit", field.flags)
     badges = [*(["SIMULATED"] if frame.is_simulated else []), *(f.removeprefix("FLAG_") for f in flags)]
