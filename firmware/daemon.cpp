@@ -31,7 +31,6 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Daem
       session_(board_, *path_, identity_, calibrator, exchange_, {devices_.clock, devices_.random, options.is_open}),
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
-      outgoing_(kTelemetryRingBytes),
       pool_(kBuffers + (options.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px),
       last_output_us_(devices_.clock.now_us()),
       last_pending_us_(last_output_us_),
@@ -287,10 +286,8 @@ void Daemon::run_network(FrameLease lease) {
 
 // Frame thread: writes one message to the ring. Lockstep waits for room, live drops the message.
 void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) {
-  outgoing_[0] = static_cast<uint8_t>(type);
-  std::copy(frames.begin(), frames.end(), outgoing_.begin() + 1);
-  const std::span<const uint8_t> message(outgoing_.data(), frames.size() + 1);
-  while (!exchange_.telemetry.push(message)) {
+  const auto head = static_cast<uint8_t>(type);
+  while (!exchange_.telemetry.push({&head, 1}, frames)) {
     if (!options_.is_lockstep || is_stopping()) {
       ++exchange_.telemetry_dropped;
       return;

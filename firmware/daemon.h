@@ -115,7 +115,6 @@ class Daemon {
   Session session_;
   MessageEncoder encoder_;
   MessageEncoder::Sink sink_;
-  std::vector<uint8_t> outgoing_;
   std::array<uint8_t, 4'096> received_{};
   FramePool pool_;
   IndexMailbox mailbox_;

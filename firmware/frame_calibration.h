@@ -15,13 +15,12 @@ namespace ruffini {
 // A parsed calibration together with the bytes that it refers to.
 class CalibrationFile {
  public:
-  [[nodiscard]] static Result<std::shared_ptr<const CalibrationFile>> load(std::span<const uint8_t> bytes);
+  [[nodiscard]] static Result<std::shared_ptr<const CalibrationFile>> load(std::vector<uint8_t> bytes);
   [[nodiscard]] const Calibration& get() const { return calibration_; }
-  [[nodiscard]] std::span<const uint8_t> bytes() const;
+  [[nodiscard]] std::span<const uint8_t> bytes() const { return bytes_; }
 
  private:
-  std::vector<uint64_t> storage_;  // for 8-byte alignment
-  size_t n_bytes_ = 0;
+  std::vector<uint8_t> bytes_;
   Calibration calibration_;
 };
 

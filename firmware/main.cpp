@@ -1,6 +1,7 @@
 // ruffinid: composition root. The implementation is in the folders beside this file (README.md).
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <malloc.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 
@@ -275,7 +276,7 @@ int run(const Arguments& arguments) {
   auto port = ruffini::SerialPort::open(arguments.link);
   if (!port) return fail(port.error());
 
-  ruffini::Exchange exchange;
+  ruffini::Exchange exchange(ruffini::telemetry_ring_bytes(board.value()));
   // A recording shows each frame once: a trial would consume frames that the host wants.
   const bool is_once = camera.value()->is_replay() && !arguments.is_loop;
   const bool has_trial = !is_once && !arguments.daemon.waits_for_host && !is_lockstep;
@@ -383,6 +384,9 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : kExitUsage;
   }
+  // Fixed, so that what was read at the start goes back to the system: freeing a calibration would raise it.
+  constexpr int kOwnMappingBytes = 128 << 10;
+  ::mallopt(M_MMAP_THRESHOLD, kOwnMappingBytes);
   struct sigaction action{};
   action.sa_handler = request_stop;
   sigaction(SIGTERM, &action, nullptr);

@@ -17,30 +17,40 @@ class SpscRing {
   // `capacity_bytes` must be a power of two.
   explicit SpscRing(size_t capacity_bytes) : storage_(capacity_bytes), mask_(capacity_bytes - 1) {}
 
-  // Returns false, and stores nothing, if there is no room.
-  bool push(std::span<const uint8_t> message) {
-    const size_t head = head_.load(std::memory_order_relaxed);
-    const size_t used = head - tail_.load(std::memory_order_acquire);
-    if (sizeof(uint32_t) + message.size() > storage_.size() - used) return false;
-    const auto length = static_cast<uint32_t>(message.size());
+  // Stores `head` and `body` as one message. Returns false, and stores nothing, if there is no room.
+  bool push(std::span<const uint8_t> head, std::span<const uint8_t> body) {
+    const size_t at = head_.load(std::memory_order_relaxed);
+    const size_t used = at - tail_.load(std::memory_order_acquire);
+    const size_t n_bytes = head.size() + body.size();
+    if (sizeof(uint32_t) + n_bytes > storage_.size() - used) return false;
+    const auto length = static_cast<uint32_t>(n_bytes);
     uint8_t prefix[sizeof length];
     std::memcpy(prefix, &length, sizeof length);
-    write(head, prefix);
-    write(head + sizeof length, message);
-    head_.store(head + sizeof length + message.size(), std::memory_order_release);
+    write(at, prefix);
+    write(at + sizeof length, head);
+    write(at + sizeof length + head.size(), body);
+    head_.store(at + sizeof length + n_bytes, std::memory_order_release);
     return true;
   }
+  bool push(std::span<const uint8_t> message) { return push({}, message); }
 
   // Moves the next message to `out`, resized within its capacity. Returns false if there is none.
   bool pop(std::vector<uint8_t>& out) {
+    return pop([&out](uint8_t) { return &out; }, 0);
+  }
+
+  // The same without the message's first `n_head` bytes, to the vector that `choose` returns for the first byte.
+  template <typename Choose>
+  bool pop(Choose choose, size_t n_head) {
     const size_t tail = tail_.load(std::memory_order_relaxed);
     if (tail == head_.load(std::memory_order_acquire)) return false;
     uint8_t prefix[sizeof(uint32_t)];
     read(tail, prefix);
     uint32_t length = 0;
     std::memcpy(&length, prefix, sizeof length);
-    out.resize(length);
-    read(tail + sizeof length, out);
+    std::vector<uint8_t>& out = *choose(storage_[(tail + sizeof length) & mask_]);
+    out.resize(length - n_head);
+    read(tail + sizeof length + n_head, out);
     tail_.store(tail + sizeof length + length, std::memory_order_release);
     return true;
   }

@@ -74,7 +74,7 @@ ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* 
   if (!board) return fail(board.error().message), nullptr;
   std::shared_ptr<const ruffini::CalibrationFile> file;
   if (calibration != nullptr) {
-    auto loaded = ruffini::CalibrationFile::load({calibration, calibration_bytes});
+    auto loaded = ruffini::CalibrationFile::load({calibration, calibration + calibration_bytes});
     if (!loaded) return fail(loaded.error().message), nullptr;
     // Offline there is no sensor whose serial number could differ: a file for one sensor is accepted.
     const ruffini::Calibration& offered = loaded.value()->get();
@@ -203,7 +203,7 @@ int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_
 
 ruffini_wrench* ruffini_wrench_open(const uint8_t* calibration, size_t calibration_bytes, const char* features,
                                     int32_t n) {
-  auto file = ruffini::CalibrationFile::load({calibration, calibration_bytes});
+  auto file = ruffini::CalibrationFile::load({calibration, calibration + calibration_bytes});
   if (!file) return fail(file.error().message), nullptr;
   if (!file.value()->get().has_kind("wrench")) return fail("this calibration has no wrench: fit one"), nullptr;
   auto map = ruffini::FeatureWrench::load(file.value()->get(), features, n);

@@ -13,6 +13,7 @@ struct JpegDecoder::State {
   jpeg_decompress_struct image{};
   jpeg_error_mgr errors{};
   std::jmp_buf way_out{};
+  Scans scans = Scans::kOne;
   bool is_damaged = false;
 
   static State& of(j_common_ptr image) { return *static_cast<State*>(image->client_data); }
@@ -30,7 +31,7 @@ struct JpegDecoder::State {
   }
 
   // The library keeps the tables of one picture for the next: each frame has a decompressor of its own.
-  bool decode_rows(const uint8_t* data, size_t n_bytes, int width, int height, uint8_t* out) {
+  void begin() {
     image = {};
     image.err = jpeg_std_error(&errors);
     errors.error_exit = fail;
@@ -38,6 +39,23 @@ struct JpegDecoder::State {
     errors.output_message = [](j_common_ptr) {};
     image.client_data = this;
     is_damaged = false;
+  }
+
+  std::pair<int, int> read_size(const uint8_t* data, size_t n_bytes) {
+    begin();
+    if (setjmp(way_out) != 0) {  // NOLINT(cert-err52-cpp): libjpeg has no other way
+      jpeg_destroy_decompress(&image);
+      return {0, 0};
+    }
+    jpeg_create_decompress(&image);
+    jpeg_mem_src(&image, data, n_bytes);
+    jpeg_read_header(&image, TRUE);
+    jpeg_destroy_decompress(&image);
+    return {static_cast<int>(image.image_width), static_cast<int>(image.image_height)};
+  }
+
+  bool decode_rows(const uint8_t* data, size_t n_bytes, int width, int height, uint8_t* out) {
+    begin();
     if (setjmp(way_out) != 0) {  // NOLINT(cert-err52-cpp): libjpeg has no other way
       jpeg_destroy_decompress(&image);
       return false;
@@ -45,10 +63,9 @@ struct JpegDecoder::State {
     jpeg_create_decompress(&image);
     jpeg_mem_src(&image, data, n_bytes);
     jpeg_read_header(&image, TRUE);
-    // A camera sends one scan. With several scans a few bytes could demand minutes of work.
     const bool is_wanted = image.image_width == static_cast<JDIMENSION>(width) &&
                            image.image_height == static_cast<JDIMENSION>(height) &&
-                           jpeg_has_multiple_scans(&image) == 0;
+                           (scans == Scans::kAny || jpeg_has_multiple_scans(&image) == 0);
     if (!is_wanted) {
       jpeg_destroy_decompress(&image);
       return false;
@@ -66,12 +83,16 @@ struct JpegDecoder::State {
   }
 };
 
-JpegDecoder::JpegDecoder() : state_(std::make_unique<State>()) {}
+JpegDecoder::JpegDecoder(Scans scans) : state_(std::make_unique<State>()) { state_->scans = scans; }
 
 JpegDecoder::~JpegDecoder() = default;
 
 bool JpegDecoder::decode(const uint8_t* data, size_t n_bytes, int width, int height, uint8_t* out) {
   return n_bytes > 0 && state_->decode_rows(data, n_bytes, width, height, out);
+}
+
+std::pair<int, int> JpegDecoder::read_size(const uint8_t* data, size_t n_bytes) {
+  return n_bytes > 0 ? state_->read_size(data, n_bytes) : std::pair(0, 0);
 }
 
 }  // namespace ruffini

@@ -1,4 +1,4 @@
-// libruffini_pictures.so: images and videos by OpenCV.
+// libruffini_pictures.so: videos, and images that are neither PNG nor JPEG, by OpenCV.
 #include <algorithm>
 #include <array>
 #include <cstdlib>
@@ -9,7 +9,6 @@
 #include <opencv2/videoio.hpp>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "capture/pictures.h"
 
@@ -18,42 +17,30 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::array<std::string_view, 5> kEndings{".png", ".jpg", ".jpeg", ".bmp", ".ppm"};
+constexpr std::array<std::string_view, 2> kImageEndings{".bmp", ".ppm"};
 
 Picture view_of(const cv::Mat& picture) {
   if (picture.empty() || picture.type() != CV_8UC3) return {};
   return {picture.cols, picture.rows, picture.ptr(), static_cast<ptrdiff_t>(picture.step)};
 }
 
-class FolderPictures : public Pictures {
+class ImagePictures : public Pictures {
  public:
-  explicit FolderPictures(const fs::path& folder) {
-    std::error_code failed;  // a folder that may not be read holds nothing
-    for (const fs::directory_entry& entry : fs::directory_iterator(folder, failed)) {
-      const std::string ending = entry.path().extension().string();
-      if (std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end()) files_.push_back(entry.path());
-    }
-    std::sort(files_.begin(), files_.end());
-  }
-  [[nodiscard]] bool is_open() const { return !files_.empty(); }
+  explicit ImagePictures(std::string path) : path_(std::move(path)) {}
   [[nodiscard]] double rate_hz() const override { return 0; }
   std::optional<Picture> next() override {
-    if (at_ == files_.size()) return std::nullopt;
-    const fs::path& file = files_[at_++];
-    std::error_code failed;
     picture_.release();
-    try {  // OpenCV throws on what it finds too large, on a lack of memory, and waits for a pipe
-      if (fs::is_regular_file(file, failed)) picture_ = cv::imread(file.string(), cv::IMREAD_COLOR);
+    try {  // OpenCV throws on what it finds too large and on a lack of memory
+      picture_ = cv::imread(path_, cv::IMREAD_COLOR);
     } catch (const std::exception&) {
       picture_.release();
     }
     return view_of(picture_);
   }
-  void rewind() override { at_ = 0; }
+  void rewind() override {}
 
  private:
-  std::vector<fs::path> files_;
-  size_t at_ = 0;
+  std::string path_;
   cv::Mat picture_;
 };
 
@@ -81,11 +68,6 @@ class VideoPictures : public Pictures {
   cv::Mat picture_;
 };
 
-template <typename T>
-Pictures* if_open(std::unique_ptr<T> pictures) {
-  return pictures->is_open() ? pictures.release() : nullptr;
-}
-
 }  // namespace
 }  // namespace ruffini
 
@@ -93,9 +75,9 @@ extern "C" ruffini::Pictures* ruffini_open_pictures(const char* path) {
   // The libraries' own lines about a broken file would hide the daemon's.
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
-  std::error_code failed;
-  if (ruffini::fs::is_directory(path, failed)) {
-    return ruffini::if_open(std::make_unique<ruffini::FolderPictures>(path));
-  }
-  return ruffini::if_open(std::make_unique<ruffini::VideoPictures>(path));
+  const std::string ending = ruffini::fs::path(path).extension().string();
+  const auto& images = ruffini::kImageEndings;
+  if (std::find(images.begin(), images.end(), ending) != images.end()) return new ruffini::ImagePictures(path);
+  auto video = std::make_unique<ruffini::VideoPictures>(path);
+  return video->is_open() ? video.release() : nullptr;
 }

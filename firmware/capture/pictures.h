@@ -1,5 +1,5 @@
-// Pictures of a recording, and the entry point of libruffini_pictures.so, which decodes them. It is a separate library,
-// loaded only to play a recording, because reading picture and video files depends on over two hundred libraries.
+// Pictures of a recording, and the entry point of libruffini_pictures.so, which decodes videos and the images that are
+// neither PNG nor JPEG. It is a separate library, loaded only for those, because it depends on over two hundred libraries.
 #pragma once
 
 #include <cstddef>
@@ -29,7 +29,7 @@ class Pictures {
 inline constexpr const char* kPicturesLibrary = "libruffini_pictures.so";
 inline constexpr const char* kPicturesOpener = "ruffini_open_pictures";
 
-// Opens a video, or a folder of images sorted by name. The caller owns the result; nullptr if there are no pictures.
+// Opens a video or one image. The caller owns the result; nullptr if there are no pictures.
 using PicturesOpener = Pictures*(const char* path);
 
 }  // namespace ruffini

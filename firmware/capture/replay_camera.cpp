@@ -1,7 +1,5 @@
 #include "capture/replay_camera.h"
 
-#include <dlfcn.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cstring>
@@ -12,7 +10,7 @@
 #include <utility>
 
 #include "board/plain_toml.h"
-#include "capture/pictures.h"
+#include "capture/folder_pictures.h"
 
 namespace ruffini {
 namespace {
@@ -87,15 +85,13 @@ class ReplayCamera : public Camera {
   const Clock& clock_;
 };
 
-// Errors: kUnavailable, where the library is not there. nullptr: it finds no picture.
+// Errors: kUnavailable, if libruffini_pictures.so is needed and cannot be loaded. nullptr: there is no picture.
 Result<std::unique_ptr<Pictures>> open_pictures(const fs::path& path) {
-  void* library = ::dlopen(kPicturesLibrary, RTLD_NOW | RTLD_LOCAL);  // stays to the end of the process
-  void* opener = library == nullptr ? nullptr : ::dlsym(library, kPicturesOpener);
-  if (opener == nullptr) {
-    return Error{ErrorKind::kUnavailable, std::string(kPicturesLibrary) + ": cannot be loaded: install it beside " +
-                                              "ruffinid, with OpenCV's imgcodecs and videoio: it reads recordings"};
-  }
-  return std::unique_ptr<Pictures>(reinterpret_cast<PicturesOpener*>(opener)(path.c_str()));
+  std::error_code failed;
+  if (fs::is_directory(path, failed)) return open_folder(path);
+  PicturesOpener* opener = load_picture_reader();
+  if (opener == nullptr) return no_picture_reader();
+  return std::unique_ptr<Pictures>(opener(path.c_str()));
 }
 
 struct RecordingInfo {

@@ -12,7 +12,8 @@ Blobs::Blobs(int width_px, int height_px)
     : width_px_(width_px),
       height_px_(height_px),
       label_((static_cast<size_t>(width_px) + kZeroRun - 1) / kZeroRun * kZeroRun),
-      blobs_(static_cast<size_t>(width_px) * static_cast<size_t>(height_px) / 2 + 1) {}
+      blobs_(std::make_unique_for_overwrite<Blob[]>(static_cast<size_t>(width_px) * static_cast<size_t>(height_px) / 2 +
+                                                    1)) {}
 
 void Blobs::start() {
   n_ = 0;
@@ -78,7 +79,9 @@ void Blobs::add(std::span<const int16_t> weight, int y) {
       label = find(std::max(left, above));
     } else {
       label = n_++;
-      blobs_[static_cast<size_t>(label)] = Blob{.parent = label};
+      Blob& fresh = blobs_[static_cast<size_t>(label)];
+      fresh = {};
+      fresh.parent = label;
     }
     left = label;
     count(blobs_[static_cast<size_t>(label)], x, y, weight[at]);

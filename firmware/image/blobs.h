@@ -7,20 +7,21 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
 namespace ruffini {
 
-struct Blob {
-  int parent = 0;
-  int area = 0;
-  bool touches_border = false;
-  int64_t x = 0;  // sums over its pixels
-  int64_t y = 0;
-  int64_t weight = 0;
-  int64_t weight_x = 0;
-  int64_t weight_y = 0;
+struct Blob {  // without initializers, so that the room for the worst picture takes no memory until it is needed
+  int parent;
+  int area;
+  bool touches_border;
+  int64_t x;  // sums over its pixels
+  int64_t y;
+  int64_t weight;
+  int64_t weight_x;
+  int64_t weight_y;
 };
 
 class Blobs {
@@ -35,7 +36,7 @@ class Blobs {
   // Length of a row passed to add(): the width, rounded up.
   [[nodiscard]] size_t row() const { return label_.size(); }
   // All components created so far. Those whose parent is another component were merged into it.
-  [[nodiscard]] std::span<const Blob> all() const { return {blobs_.data(), static_cast<size_t>(n_)}; }
+  [[nodiscard]] std::span<const Blob> all() const { return {blobs_.get(), static_cast<size_t>(n_)}; }
 
  private:
   int find(int blob);
@@ -45,7 +46,7 @@ class Blobs {
   int width_px_;
   int height_px_;
   std::vector<int32_t> label_;  // labels of the row above, overwritten by those of the current row; -1: none
-  std::vector<Blob> blobs_;
+  std::unique_ptr<Blob[]> blobs_;
   int n_ = 0;
 };
 

@@ -36,10 +36,10 @@ Rest::Rest(int width_px, int height_px, int n_frames)
       next_row_(height_px) {}
 
 void Rest::restart(int n_frames) {
-  n_wanted_ = n_frames > 0 ? n_frames : n_frames_;
+  n_wanted_ = std::min(n_frames > 0 ? n_frames : n_frames_, kMaxFrames);
   n_added_ = 0;
   is_ready_ = false;
-  std::fill(sum_.begin(), sum_.end(), 0U);
+  std::fill(sum_.begin(), sum_.end(), uint16_t{0});
 }
 
 void Rest::cancel_learning() {
@@ -62,7 +62,7 @@ bool Rest::add(const FrameView& frame) {
   const size_t row_values = static_cast<size_t>(width_px_) * 3;
   for (int y = 0; y < height_px_; ++y) {
     const uint8_t* pixels = frame.row(y);
-    uint32_t* sums = sum_.data() + static_cast<size_t>(y) * row_values;
+    uint16_t* sums = sum_.data() + static_cast<size_t>(y) * row_values;
     for (size_t i = 0; i < row_values; ++i) sums[i] += pixels[i];
   }
   if (++n_added_ < n_wanted_) return false;

@@ -39,9 +39,11 @@ class Rest {
     return static_cast<int32_t>(std::clamp<int64_t>(gain, kUnitGain * 3 / 4, kUnitGain * 5 / 4));
   }
 
+  static constexpr int kMaxFrames = 256;  // board.toml's and the protocol's limit; their sum fits 16 bits
+
   Rest(int width_px, int height_px, int n_frames);
 
-  // Learns a new rest image from the next n frames (0: the number given at construction).
+  // Learns a new rest image from the next n frames (0: the number given at construction), kMaxFrames at most.
   void restart(int n_frames);
   // Cancels learning: the previous rest image is in force again. If there was none, learning starts over.
   void cancel_learning();
@@ -81,7 +83,7 @@ class Rest {
   int n_added_ = 0;
   bool is_ready_ = false;
   bool has_image_ = false;  // remains set while another image is learned
-  std::vector<uint32_t> sum_;
+  std::vector<uint16_t> sum_;
   std::vector<uint16_t> image_;
   std::vector<uint16_t> dark_;    // at most the image; empty: 0
   std::vector<int16_t> planes8_;  // 8 times the rest image

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <functional>
+#include <utility>
 
 namespace ruffini {
 namespace {
@@ -52,8 +54,8 @@ Calibrator::Calibrator(const BoardSettings& board, std::string serial, SlotStore
       rule_(rule),
       keys_(std::move(keys)) {}
 
-Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes) const {
-  auto file = CalibrationFile::load(bytes);
+Result<Calibrator::Prepared> Calibrator::prepare(std::vector<uint8_t> bytes) const {
+  auto file = CalibrationFile::load(std::move(bytes));
   if (!file) return file.error();
   const Calibration& calibration = file.value()->get();
   auto signer = keys_.verify(calibration);
@@ -68,7 +70,7 @@ Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes)
   if (!is_fresh) return is_fresh.error();
   auto path = FramePath::configure(board_, file.value(), clock_);
   if (!path) return path.error();
-  const std::string hash = sha256(bytes);
+  const std::string hash = sha256(file.value()->bytes());
   path.value()->set_calibration_id(first_four_bytes(hash));
   return Prepared{std::move(path).value(),
                   {true, hash, std::string(calibration.text("created_utc")), std::string(calibration.text("kinds")),
@@ -100,15 +102,17 @@ Calibrator::Prepared Calibrator::prepare_stored() {
   problem_.clear();
   struct Source {
     const char* name;
-    Result<std::vector<uint8_t>> bytes;
+    std::function<Result<std::vector<uint8_t>>()> load;
   };
-  const std::array<Source, 3> sources = {
-      {{"stored calibration", store_.load(0)}, {"the one before it", store_.load(1)}, {"the factory's", factory_}}};
+  const std::array<Source, 3> sources = {{{"stored calibration", [this] { return store_.load(0); }},
+                                          {"the one before it", [this] { return store_.load(1); }},
+                                          {"the factory's", [this] { return factory_; }}}};
   active_index_ = 0;
   for (size_t i = 0; i < sources.size(); ++i) {
     const Source& source = sources[i];
-    if (source.bytes && source.bytes.value().empty()) continue;
-    auto prepared = source.bytes ? prepare(source.bytes.value()) : Result<Prepared>(source.bytes.error());
+    auto bytes = source.load();
+    if (bytes && bytes.value().empty()) continue;
+    auto prepared = bytes ? prepare(std::move(bytes).value()) : Result<Prepared>(bytes.error());
     if (prepared) {
       if (!problem_.empty()) problem_ += std::string("; ") + source.name + " is in force";
       active_index_ = i < kStored ? i : 0;
@@ -128,7 +132,8 @@ Status Calibrator::begin(uint64_t size_bytes, const std::string& sha256) {
   if (!can_write) return can_write;
   const bool is_same = is_receiving_ && expected_sha256_ == sha256 && size_bytes_ == size_bytes;
   if (!is_same) {
-    upload_.clear();
+    upload_ = {};
+    upload_.reserve(size_bytes);  // growing would take up to three times the memory
     expected_sha256_ = sha256;
     size_bytes_ = size_bytes;
   }
@@ -154,7 +159,7 @@ Status Calibrator::commit() {
     abort();
     return Error{ErrorKind::kStorage, "the upload's SHA-256 differs from what was announced: send it again"};
   }
-  auto prepared = prepare(upload_);
+  auto prepared = prepare(upload_);  // a copy: a commit that the medium fails may be repeated
   if (!prepared) {
     abort();
     return prepared.error();
@@ -232,9 +237,9 @@ Status Calibrator::undo() {
   // The newest usable file before them: a power cut may have left a damaged one in between.
   std::optional<Error> why;
   for (size_t n = active_index_ + 1;; ++n) {
-    const auto before = store_.load(n);
+    auto before = store_.load(n);
     if (before && before.value().empty()) break;
-    auto prepared = before ? prepare(before.value()) : Result<Prepared>(before.error());
+    auto prepared = before ? prepare(std::move(before).value()) : Result<Prepared>(before.error());
     if (prepared) {
       Status undone = store_.undo(n);
       if (!undone) return undone;

@@ -91,7 +91,7 @@ class Calibrator {
     ActiveCalibration calibration;
   };
   // Every file must pass this check: layout, signature, target, security epoch, bounds.
-  [[nodiscard]] Result<Prepared> prepare(std::span<const uint8_t> bytes) const;
+  [[nodiscard]] Result<Prepared> prepare(std::vector<uint8_t> bytes) const;
   // Prepares the newest usable stored file, or none; problems of the others go to `problem_`.
   [[nodiscard]] Prepared prepare_stored();
   void activate(Prepared prepared);

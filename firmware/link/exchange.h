@@ -1,8 +1,10 @@
 // Data shared by the frame thread and the link thread: atomics and one ring, no lock.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
+#include <bit>
 #include <cstdint>
 #include <memory>
 
@@ -38,7 +40,16 @@ struct LastFrame {
 };
 static_assert(std::atomic<PathTally>::is_always_lock_free);
 
+// Room for the messages of about four frames; the largest of them is the picture.
+inline size_t telemetry_ring_bytes(const BoardSettings& board) {
+  constexpr size_t kLeast = size_t{1} << 20;
+  const auto n_pixels = static_cast<size_t>(board.camera.width_px) * static_cast<size_t>(board.camera.height_px);
+  return std::clamp(std::bit_ceil(4 * 3 * n_pixels), kLeast, kTelemetryRingBytes);
+}
+
 struct Exchange {
+  explicit Exchange(size_t telemetry_bytes = kTelemetryRingBytes) : telemetry(telemetry_bytes) {}
+
   // Written by the link thread, read by the frame thread.
   std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send every n-th frame; 0: none
   std::atomic<int> zero_frames{kNoZeroRequest};              // request, or one of the two constants above
@@ -50,7 +61,7 @@ struct Exchange {
   std::atomic<bool> has_light_fault{false};  // the lamps are not in the state that the board demands
   // Written by the frame thread, read by the link thread.
   std::atomic<FramePath*> retired_path{nullptr};  // to be deleted by the link thread
-  SpscRing telemetry{kTelemetryRingBytes};        // u8 message type, then its frames
+  SpscRing telemetry;                             // u8 message type, then its frames
   std::atomic<uint64_t> frames_processed{0};
   std::atomic<uint64_t> saturations{0};
   std::atomic<uint64_t> telemetry_dropped{0};

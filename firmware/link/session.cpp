@@ -304,8 +304,8 @@ void Session::take_telemetry() {
       std::any_of(telemetry_.begin(), telemetry_.end(), [](const Outgoing& o) { return o.is_full; })) {
     return;
   }
-  while (exchange_.telemetry.pop(popped_)) {
-    newest(popped_[0]).bytes.assign(popped_.begin() + 1, popped_.end());
+  const auto slot_of = [this](uint8_t type) { return &newest(type).bytes; };
+  while (exchange_.telemetry.pop(slot_of, 1)) {
     if (identity_.is_lossless) return;
   }
 }
@@ -410,7 +410,7 @@ void Session::begin_writing() {
   if (offered_->needs_framing) {
     ++sequence_;
   } else {
-    writing_.swap(offered_->bytes);
+    writing_ = offered_->bytes;  // not swapped: each slot would come to have room for the largest message
   }
 }
 
@@ -422,7 +422,8 @@ void Session::reset_line() {
   writing_.clear();
   replies_.clear();
   for (auto& every : exchange_.every) every = 0;
-  while (exchange_.telemetry.pop(popped_)) ++n_dropped_on_hang_up_;
+  const auto any = [this](uint8_t) { return &writing_; };
+  for (; exchange_.telemetry.pop(any, 1); writing_.clear()) ++n_dropped_on_hang_up_;
   for (Outgoing& slot : telemetry_) {
     n_dropped_on_hang_up_ += slot.is_full ? 1 : 0;
     slot.is_full = false;

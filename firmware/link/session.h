@@ -137,7 +137,6 @@ class Session {
   uint64_t n_replaced_ = 0;            // telemetry replaced by a newer message of its type
   uint64_t n_dropped_on_hang_up_ = 0;  // messages that were queued when the line was lost
   uint64_t n_truncated_ = 0;           // frames truncated by a hang-up
-  std::vector<uint8_t> popped_;
   std::vector<uint8_t> writing_;
   Outgoing* offered_ = nullptr;  // returned by the last pending(); nullptr: a reply, or nothing
   size_t written_ = 0;           // of `writing_`; 0: no frame has been begun

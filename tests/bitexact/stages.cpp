@@ -358,7 +358,7 @@ int stages_camera_moved(int n_x, int n_y, const int32_t* residual, const uint8_t
 // the calibration has no wrench of such markers. The places at rest are those of `markers`.
 int stages_corner_motion(const uint8_t* calibration, int n_bytes, int n_x, int n_y, const int32_t* markers,
                          const int64_t* force_un, int64_t* out) {
-  const auto file = CalibrationFile::load({calibration, static_cast<size_t>(n_bytes)});
+  const auto file = CalibrationFile::load({calibration, calibration + n_bytes});
   if (!file) return -1;
   const auto wrench = FeatureWrench::load(file.value()->get(), "markers", 2 * n_x * n_y);
   if (!wrench) return -1;

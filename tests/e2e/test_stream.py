@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import time
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from hang import HANG_S, until
 from tiny_sensor import MILLI_CELSIUS, N_FRAMES, N_REST, Sensor, start
 
+from ruffini.daemon import find_daemon
 from ruffini.device import Connection, Field, Wrench
 from ruffini.device.results import NOT_MEASURED, VALID
 from ruffini.errors import NoDeviceError, RefusedError
@@ -81,6 +83,30 @@ def test_a_calibration_survives_a_restart(sensor: Sensor, tmp_path: Path) -> Non
         first = host.hello.sensors[0].calibration.sha256
     with start(sensor, tmp_path, "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
         assert host.hello.sensors[0].calibration.sha256 == first
+
+
+def test_a_calibrated_daemon_that_replays_pictures_takes_little_memory(
+    sensor: Sensor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Within 250 MB of address space; its memory is its tables, its pictures and 16 MB, without OpenCV's readers."""
+    bounded = tmp_path / "bounded"
+    bounded.write_text(f'#!/bin/sh\nulimit -v 250000\nexec {find_daemon()} "$@"\n')
+    bounded.chmod(0o755)
+    monkeypatch.setenv("RUFFINI_DAEMON", str(bounded))
+    store = tmp_path / "store"
+    with start(sensor, store, "--loop") as daemon, Connection(daemon.port) as host:
+        host.flash(sensor.calibration)
+    with start(sensor, store, "--loop") as daemon, Connection(daemon.port) as host:
+        host.subscribe(**EVERYTHING)
+        n_wrenches = 0
+        for frame, _ in host.stream(timeout_s=HANG_S):
+            n_wrenches += host.schema.type_name(frame.type) == "WRENCH"
+            if n_wrenches == 2 * N_FRAMES:
+                break
+        status = Path(f"/proc/{daemon.process.pid}/status").read_text()
+    peak_kib = int(re.search(r"VmHWM:\s*(\d+) kB", status)[1])  # type: ignore[index]
+    frame_bytes = 3 * sensor.board.camera.width_px * sensor.board.camera.height_px
+    assert 1024 * peak_kib < len(sensor.calibration) + 30 * frame_bytes + 16e6
 
 
 def test_zero_learns_anew_and_says_so(sensor: Sensor, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ const ruffini::BoardSettings& board_of_all() {
 
 void configure(std::span<const uint8_t> bytes) {
   static const std::vector<uint8_t> kPixels(size_t{3} * 32 * 24, 90);
-  auto loaded = ruffini::CalibrationFile::load(bytes);
+  auto loaded = ruffini::CalibrationFile::load({bytes.begin(), bytes.end()});
   if (!loaded) return;
   auto path = ruffini::FramePath::configure(board_of_all(), loaded.value(), [] { return uint64_t{0}; });
   if (!path) return;

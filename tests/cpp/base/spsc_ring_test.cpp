@@ -23,6 +23,26 @@ TEST(SpscRing, FullMeansNothingIsStored) {
   EXPECT_TRUE(out.empty());
 }
 
+TEST(SpscRing, AMessageInTwoPartsIsTakenWithoutItsHead) {
+  SpscRing ring(16);
+  std::vector<uint8_t> out;
+  for (uint8_t i = 0; i < 20; ++i) {  // so that every part comes to lie across the end
+    const uint8_t head = i;
+    const std::vector<uint8_t> body{1, i, 3};
+    ASSERT_TRUE(ring.push({&head, 1}, body));
+    uint8_t seen = 0xff;
+    ASSERT_TRUE(ring.pop(
+        [&](uint8_t first) {
+          seen = first;
+          return &out;
+        },
+        1));
+    EXPECT_EQ(seen, i);
+    EXPECT_EQ(out, body);
+  }
+  EXPECT_FALSE(ring.push(std::vector<uint8_t>(3), std::vector<uint8_t>(10))) << "larger than the ring";
+}
+
 // One thread pushes messages of every length, the other takes them: all arrive, whole and in order.
 TEST(SpscRing, TwoThreadsLoseNothing) {
   constexpr size_t kMessages = 20'000;

@@ -19,6 +19,16 @@ TEST(Rest, IsTheMeanInSixteenthsOfAGreyLevelRoundedHalfUp) {
   EXPECT_TRUE(std::equal(expected.begin(), expected.end(), rest.image().begin()));
 }
 
+TEST(Rest, TheMostFramesOfTheBrightestPictureHaveTheirMean) {
+  Rest rest(2, 1, Rest::kMaxFrames);
+  for (int i = 1; i < Rest::kMaxFrames; ++i) ASSERT_FALSE(rest.add(view({255, 255, 255, 255, 255, 255})));
+  ASSERT_TRUE(rest.add(view({255, 255, 255, 255, 255, 255})));
+  EXPECT_EQ(rest.image()[0], 4'080);
+  rest.restart(Rest::kMaxFrames + 1);  // the sum has no room for more
+  for (int i = 1; i < Rest::kMaxFrames; ++i) ASSERT_FALSE(rest.add(view({255, 255, 255, 255, 255, 255})));
+  EXPECT_TRUE(rest.add(view({255, 255, 255, 255, 255, 255})));
+}
+
 TEST(Rest, ReciprocalOfBlackIsThatOf32GreyLevels) {
   Rest rest(2, 1, 1);
   ASSERT_TRUE(rest.add(view({0, 32, 128, 255, 2, 0})));
