@@ -2,7 +2,7 @@
 
 Each frame advances time by one camera period; the next frame is made once the host has read the last one and the
 reference's readings for it. A bench therefore behaves the same on fast, slow and busy computers. While no frame is
-being made, because no camera is open or the camera has stalled, time runs at its real pace.
+made, because no camera is open or the camera has stalled, time runs at its real pace.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ruffini.wake_event import WakeEvent
 POLL_S = 0.05  # real, of those who sleep where no frame comes
 FIRST_S = 0.05  # real: so long a host is waited for that has not subscribed yet
 PATIENCE_S = 2.0  # real: and so long one that reads
-GRACE_S = 5.0  # real: longer without a frame that is made or being made, and time goes on without
+GRACE_S = 5.0  # real: longer without a frame, and time goes on without; a busy computer may take seconds for one
 
 
 class FrameClock:
@@ -30,7 +30,7 @@ class FrameClock:
         real: Callable[[], float] = time.monotonic, event: WakeEvent | None = None,
     ) -> None:  # fmt: skip
         self._period_s, self._step, self._patience_s, self._grace_s = period_s, step, patience_s, grace_s
-        self._is_over, self._is_making, self._real = False, False, real
+        self._is_over, self._real = False, real
         self._lock, self._changed = threading.Lock(), event or WakeEvent()
         self._frame, self._seen = 0, 0
         self._spoken_s, self._heard_s = -1.0, -1.0
@@ -42,8 +42,7 @@ class FrameClock:
         return now_s
 
     def _now(self) -> float:
-        without_s = 0.0 if self._is_making else max(0.0, self._real() - self._made_s - self._grace_s)
-        return self._frame * self._period_s + without_s
+        return self._frame * self._period_s + max(0.0, self._real() - self._made_s - self._grace_s)
 
     def sleep(self, duration_s: float) -> None:
         end_s = self.now() + duration_s
@@ -65,23 +64,13 @@ class FrameClock:
         self._changed.set()
 
     def next_frame(self) -> int:
-        """Waits until the host has read all of the frame before; time is that of the frame of this number from now.
-
-        It stands still until `has_made`, since a busy computer may take a minute for a frame.
-        """
-        self.has_made()
+        """Waits until the host has read all of the frame before; time is that of the frame of this number from now."""
         self._changed.wait_for(self._is_read, self._patience_s if self._seen else FIRST_S)
         with self._lock:
             self._frame = made = int(self._now() / self._period_s + 1e-6) + self._step
-            self._made_s, self._is_making = self._real(), True
+            self._made_s = self._real()
         self._changed.set()
         return made
-
-    def has_made(self) -> None:
-        """The frame is there, or nobody wants it any more."""
-        with self._lock:
-            if self._is_making:
-                self._made_s, self._is_making = self._real(), False
 
     def stop(self) -> None:
         """Nobody reads any more: no frame waits from now on."""

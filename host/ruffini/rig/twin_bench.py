@@ -141,8 +141,7 @@ def build_twin_bench(
     twin = PressedTwin(unit, indenter, loader)
     server = TwinServer(unit.renderer(), twin, Scenario(seed=seed), camera)
     server.after_sending = twin.tell
-    if clock is not None:
-        server.next_frame, server.has_made = clock.next_frame, clock.has_made
+    server.next_frame = clock.next_frame if clock else None
     cell = EmulatedNetworkCell(rate_hz, seed, mount)
     twin.listeners.append(cell.measure)
     return TwinBench(twin, server, cell)

@@ -148,7 +148,6 @@ class TwinServer(FrameServer):
         self.n_sent = 0
         self.after_sending: Callable[[int], None] = lambda _: None  # told the frame that the camera just got
         self.next_frame: Callable[[], int] | None = None  # in lockstep: the number of the next one, once it is wanted
-        self.has_made: Callable[[], None] = lambda: None  # told that this frame was sent, or could not be
 
     def picture(self, frame: int) -> npt.NDArray[np.uint8] | None:
         """Frame `frame` as the frame path would get it; None = the end."""
@@ -181,24 +180,15 @@ class TwinServer(FrameServer):
                 frame = self._wait_for(frame)
             elif self.next_frame is not None:
                 frame = self.next_frame()
-            try:
-                if not self._make_and_send(camera, frame):
-                    return
-            finally:
-                self.has_made()
+            states = self._frames.states(frame % self._n_kept if self._n_kept else frame)
+            if states is None:
+                self._send_frame(camera, frame, b"")
+                return
+            if self._board.alternates and self._scenario.is_sent(frame, is_unlit=True):
+                self._send_frame(camera, 2 * frame, self._drawn(frame, states, is_unlit=True))
+            if self._scenario.is_sent(frame):
+                data = self._drawn(frame, states)
+                self._send_frame(camera, 2 * frame + 1 if self._board.alternates else frame, data)
+                self.n_sent += 1
+                self.after_sending(frame)
             frame += 1
-
-    def _make_and_send(self, camera: socket.socket, frame: int) -> bool:
-        """Draw a frame and send it; False if it is behind the last one."""
-        states = self._frames.states(frame % self._n_kept if self._n_kept else frame)
-        if states is None:
-            self._send_frame(camera, frame, b"")
-            return False
-        if self._board.alternates and self._scenario.is_sent(frame, is_unlit=True):
-            self._send_frame(camera, 2 * frame, self._drawn(frame, states, is_unlit=True))
-        if self._scenario.is_sent(frame):
-            data = self._drawn(frame, states)
-            self._send_frame(camera, 2 * frame + 1 if self._board.alternates else frame, data)
-            self.n_sent += 1
-            self.after_sending(frame)
-        return True

@@ -48,7 +48,6 @@ def frames(clock: FrameClock, n: int) -> list[int]:
     numbers = []
     for _ in range(n):
         numbers.append(clock.next_frame())
-        clock.has_made()
         clock.has_seen(numbers[-1])
     return numbers
 
@@ -91,19 +90,6 @@ def test_without_frames_time_goes_on_as_real_time_does_and_numbers_are_left_out(
     (number,) = frames(clock, 1)
     assert number > 4 + 6
     assert clock.now() >= before_s
-
-
-def test_a_frame_that_a_busy_computer_makes_for_a_minute_takes_a_period():
-    clock, event = a_clock()
-    frames(clock, 4)
-    clock.next_frame()
-    event.real_s += 60.0
-    assert clock.now() == pytest.approx(5 * PERIOD_S)
-    clock.has_made()
-    event.real_s += GRACE_S
-    assert clock.now() == pytest.approx(5 * PERIOD_S), "the host has its time to read it"
-    event.real_s += 1.0
-    assert clock.now() == pytest.approx(5 * PERIOD_S + 1.0), "and no other is made"
 
 
 def test_a_frame_waits_until_the_one_before_was_read_but_not_for_ever():
