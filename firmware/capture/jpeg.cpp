@@ -10,8 +10,10 @@ namespace ruffini {
 
 // The library leaves errors by longjmp: no C++ object with a destructor may exist between it and decode_rows.
 struct JpegDecoder::State {
+  static constexpr int kMaxScans = 100;
   jpeg_decompress_struct image{};
   jpeg_error_mgr errors{};
+  jpeg_progress_mgr progress{};
   std::jmp_buf way_out{};
   Scans scans = Scans::kOne;
   bool is_damaged = false;
@@ -30,6 +32,11 @@ struct JpegDecoder::State {
     if (!is_filling) of(image).is_damaged = true;
   }
 
+  // Called often while a picture is decoded.
+  static void look(j_common_ptr image) {
+    if (of(image).image.input_scan_number > kMaxScans) fail(image);
+  }
+
   // The library keeps the tables of one picture for the next: each frame has a decompressor of its own.
   void begin() {
     image = {};
@@ -37,6 +44,7 @@ struct JpegDecoder::State {
     errors.error_exit = fail;
     errors.emit_message = warn;
     errors.output_message = [](j_common_ptr) {};
+    progress.progress_monitor = look;
     image.client_data = this;
     is_damaged = false;
   }
@@ -61,6 +69,7 @@ struct JpegDecoder::State {
       return false;
     }
     jpeg_create_decompress(&image);
+    image.progress = &progress;
     jpeg_mem_src(&image, data, n_bytes);
     jpeg_read_header(&image, TRUE);
     const bool is_wanted = image.image_width == static_cast<JDIMENSION>(width) &&

@@ -11,7 +11,8 @@ namespace ruffini {
 
 class JpegDecoder {
  public:
-  // A camera sends one scan. With several scans, as in progressive files, a few bytes could demand minutes of work.
+  // A camera sends one scan. With many scans, as in progressive files, a few bytes could demand minutes of work: kAny
+  // takes up to 100, ten times what programs write.
   enum class Scans { kOne, kAny };
   explicit JpegDecoder(Scans scans = Scans::kOne);
   JpegDecoder(const JpegDecoder&) = delete;

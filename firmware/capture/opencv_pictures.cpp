@@ -29,6 +29,8 @@ class ImagePictures : public Pictures {
   explicit ImagePictures(std::string path) : path_(std::move(path)) {}
   [[nodiscard]] double rate_hz() const override { return 0; }
   std::optional<Picture> next() override {
+    if (was_read_) return std::nullopt;
+    was_read_ = true;
     picture_.release();
     try {  // OpenCV throws on what it finds too large and on a lack of memory
       picture_ = cv::imread(path_, cv::IMREAD_COLOR);
@@ -37,10 +39,11 @@ class ImagePictures : public Pictures {
     }
     return view_of(picture_);
   }
-  void rewind() override {}
+  void rewind() override { was_read_ = false; }
 
  private:
   std::string path_;
+  bool was_read_ = false;
   cv::Mat picture_;
 };
 

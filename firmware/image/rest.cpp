@@ -21,7 +21,7 @@ Rest::Rest(int width_px, int height_px, int n_frames)
     : width_px_(width_px),
       height_px_(height_px),
       n_frames_(n_frames),
-      n_wanted_(n_frames),
+      n_wanted_(std::min(n_frames, kMaxFrames)),
       sum_(static_cast<size_t>(width_px * height_px * 3)),
       image_(sum_.size()),
       planes8_(sum_.size()),

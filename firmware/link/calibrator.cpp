@@ -132,8 +132,8 @@ Status Calibrator::begin(uint64_t size_bytes, const std::string& sha256) {
   if (!can_write) return can_write;
   const bool is_same = is_receiving_ && expected_sha256_ == sha256 && size_bytes_ == size_bytes;
   if (!is_same) {
-    upload_ = {};
-    upload_.reserve(size_bytes);  // growing would take up to three times the memory
+    std::vector<uint8_t>().swap(upload_);  // gives the memory back before more is asked for
+    upload_.reserve(size_bytes);           // growing would take up to three times the memory
     expected_sha256_ = sha256;
     size_bytes_ = size_bytes;
   }

@@ -69,7 +69,7 @@ def read_image(path: Path) -> npt.NDArray[np.uint8]:
     """One image, (h, w, 3) uint8, B G R."""
     import cv2
 
-    image = cv2.imread(str(readable(path)), cv2.IMREAD_COLOR)
+    image = cv2.imread(str(readable(path)), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)  # as the daemon
     if image is None:
         raise InputError(f"cannot read {path} as an image: is it there, and a PNG or JPEG?")
     return np.asarray(image, dtype=np.uint8)

@@ -74,6 +74,14 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         tree_gates.stage_names,
         {
             "firmware/core/stages.cpp": SKIN_ROW,
+            "host/ruffini/sim/a.py": 'def f(board):\n    return "skin" in board.pipeline.stages\n',
+        },
+        "host/ruffini/sim/a.py:2 tests for the stage 'skin'",
+    ),
+    (
+        tree_gates.stage_names,
+        {
+            "firmware/core/stages.cpp": SKIN_ROW,
             "host/ruffini/cli/a.py": 'def f(stages):\n    return {"skin"}.isdisjoint(stages)\n',
         },
         "host/ruffini/cli/a.py:2 tests for the stage 'skin'",

@@ -322,7 +322,8 @@ def seeded_bugs(root: Path) -> list[str]:
 
 ASKED = {"stages", "kinds", "stage", "tensors", "only", "program"}  # what stands for stages, kinds or programs
 TESTS = {"isdisjoint", "issubset", "issuperset", "intersection", "difference", "count", "index", "startswith", "get"}
-OWN_NAMES = ("sim/", "cli/sim.py", "rig/program.py")  # programs are named here; those of the twin are others
+OWN_PROGRAMS = ("sim/", "cli/sim.py", "rig/program.py")  # programs are named here; those of the twin are others
+REST = "rest"  # program of the twin that is called as a kind of a calibration is
 
 
 def stage_names(root: Path) -> list[str]:
@@ -336,6 +337,7 @@ def stage_names(root: Path) -> list[str]:
     text = "".join(_text(path) for path in [*tables, *host.glob("estimators/*/command.py")] if path.is_file())
     names = re.findall(r'\.name = "(\w+)"|^    "(\w+)": Kind\(|\b(?:Program|Command)\(\s*"(\w+)"', text, re.M)
     known = {name for row in names for name in row if name} - {"log"}  # a log of touches, more often than the program
+    programs = {REST, *re.findall(r'\bProgram\(\s*"(\w+)"', text)}
     trees = {
         path: ast.parse(_text(path))
         for path in _sources(root, "host/ruffini/")
@@ -349,11 +351,10 @@ def stage_names(root: Path) -> list[str]:
     }
     found = []
     for path, tree in trees.items():
-        if path.relative_to(host).as_posix().startswith(OWN_NAMES):
-            continue
+        others = programs if path.relative_to(host).as_posix().startswith(OWN_PROGRAMS) else set()
         asked = _aliases(tree)
         for node in ast.walk(tree):
-            if _is_test(node) and _names_in(node) & asked and (words := _words_in(node, constants) & known):
+            if _is_test(node) and _names_in(node) & asked and (words := (_words_in(node, constants) & known) - others):
                 found.append(
                     f"{path.relative_to(root)}:{node.lineno} tests for the stage {sorted(words)[0]!r}: ask the board "  # type: ignore[attr-defined]
                     "for a slot (Board.writes), the estimators (ruffini.estimators.table) or the program (PROGRAMS)"

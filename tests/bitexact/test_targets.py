@@ -127,6 +127,49 @@ def test_a_kernel_in_integers() -> None:
     assert not outside.is_in_range.any()
 
 
+def rest(rng: np.random.Generator, n: int = 9) -> dict[str, npt.NDArray[np.generic]]:
+    """Directions in which features of about 1e4 have a length of about 1."""
+    return {
+        "wrench.rest_project": rng.integers(-(1 << 20), 1 << 20, (n, n)).astype(np.int32),
+        "wrench.rest_shift": np.array([16], np.uint8),
+        "wrench.rest_error": np.array([40_000, 30_000, 70_000, 900, 0, 800], np.int32),
+    }
+
+
+def test_features_as_at_rest_make_no_wrench() -> None:
+    """Against the mirror: inside and outside of the limit, and where a direction is clamped."""
+    rng = np.random.default_rng(23)
+    kind = {**tables(rng), **rest(rng)}
+    del kind["wrench.warm_mc"], kind["wrench.warm_gain"], kind["wrench.warm_offset"]
+    metadata = {**metadata_without_board(), "wrench.features": "columns"}
+    mirror, saturations = FeatureWrench(kind), Saturations()
+    raw = np.concatenate([rng.normal(size=(30, 9)) * s for s in (3e3, 1.5e4, 1e5)]).round()
+    raw = np.concatenate([raw, np.full((1, 9), 2.0**31 - 1)])
+    time_s = 0.03 * np.arange(len(raw))
+    said = wrench_on_board(pack(kind, metadata).data, "columns", raw, time_s)
+    n_untouched = 0
+    for t, row in enumerate(raw):
+        expected = mirror.run([int(v) for v in row], 1 + round(1e6 * time_s[t]), saturations)
+        assert said.wrench[t].tolist() == [v * s for v, s in zip(expected.wrench, [1e-6] * 3 + [1e-9] * 3, strict=True)]
+        variances = [expected.covariance[i] for i in (0, 6, 11, 15, 18, 20)]
+        assert said.sigma[t].tolist() == (1e-6 * np.sqrt(np.array(variances))).tolist()
+        n_untouched += not said.wrench[t].any()
+    assert 20 < n_untouched < 60
+    assert not said.wrench[:20].any()
+    assert said.sigma[:20] == pytest.approx(np.tile([0.04, 0.03, 0.07, 0.0009, 0, 0.0008], (20, 1)))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("wrench.rest_project", 1 << 27), ("wrench.rest_shift", 0), ("wrench.rest_error", -1)]
+)
+def test_untouched_features_out_of_range_are_refused(name: str, value: int) -> None:
+    rng = np.random.default_rng(1)
+    kind = {**tables(rng), **rest(rng)}
+    kind[name].flat[0] = value  # type: ignore[index]
+    with pytest.raises(InputError, match=r"wrench.rest.* out of range"):
+        opened(board_text(), kind)
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [

@@ -34,7 +34,7 @@ static_assert(kMaxGainSum <= (int64_t{1} << 62) / FeatureWrench::kMaxFeature);
 static_assert(int64_t{FeatureWrench::kPairs + FeatureWrench::kAxes} * kMaxEntry * kMaxScaled * 2 < int64_t{1} << 62);
 
 Error refused(const std::string& what) {
-  return {ErrorKind::kBadInput, "calibration file: " + what + ": make it again with cal wrench"};
+  return {ErrorKind::kBadInput, "calibration file: " + what + ": make it again with cal fit --only wrench"};
 }
 
 bool are_within(std::span<const int32_t> values, int32_t low, int32_t high) {
@@ -106,6 +106,9 @@ Result<FeatureWrench> FeatureWrench::load(const Calibration& c, std::string_view
   auto kernel = KernelMap::load(c, n_features);
   if (!kernel) return kernel.error();
   out.kernel_ = std::move(kernel.value());
+  auto rest = RestGate::load(c, n_features);
+  if (!rest) return rest.error();
+  out.rest_ = std::move(rest.value());
   out.held_.resize(out.n_);
   auto warmth = WrenchWarmth::load(c);
   if (!warmth) return warmth.error();
@@ -245,6 +248,16 @@ WrenchCovariance FeatureWrench::covariance_of(const Axes& u, int64_t outside_q8)
   return out;
 }
 
+WrenchCovariance FeatureWrench::covariance_at_rest() const {
+  WrenchCovariance out;
+  for (size_t i = 0; i < kAxes; ++i) {
+    Axes v{};
+    v[i] = rest_.error()[i];
+    add_outer(out, v);
+  }
+  return out;
+}
+
 FeatureWrench::Outcome FeatureWrench::run(std::span<const int32_t> features, const Warmth& warmth, uint64_t capture_us,
                                           SaturationCounter& saturations) {
   std::transform(features.begin(), features.end(), held_.begin(),
@@ -264,10 +277,12 @@ FeatureWrench::Outcome FeatureWrench::run(std::span<const int32_t> features, con
   out.is_in_agreement = agrees(features, strained);
   out.is_warmth_known = warmth_.correct(e, warmth);
   if (out.is_in_agreement) relax(e, capture_us);
+  const bool is_untouched = rest_.is_untouched(held_);
+  if (is_untouched) e = {};
   const int64_t limit = kernel_.is_loaded() ? kFitted : kInRange;
   out.is_in_range = outside_q8 == 0 && std::all_of(strained.begin(), strained.end(),
                                                    [&](int64_t each) { return std::abs(each) <= limit; });
-  out.covariance = covariance_of(scaled_q14(e), outside_q8);
+  out.covariance = is_untouched ? covariance_at_rest() : covariance_of(scaled_q14(e), outside_q8);
   const auto force = [&](size_t i) { return measures(i) ? round_shift(e[i], kFine) : 0; };
   const auto torque = [&](size_t i) { return measures(i) ? round_shift(1'000 * e[i], kFine) : 0; };
   out.wrench = {force(0), force(1), force(2), torque(3), torque(4), torque(5)};

@@ -5,6 +5,7 @@
 //   kernel       e_i += o_i + sum_j w_ij k(|P f - c_j|)       terms not linear in the features: kernel_map.h
 //   temperature  e_i as of the calibration's temperature      wrench_warmth.h
 //   relaxation   w_i = e_i - sum_t g_ti h_ti,  tau_t dh_ti/dt = e_i - h_ti     loss of a held load (solve/relaxation.h)
+//   untouched    w_i = 0                                      features as at rest: rest_gate.h
 //   agreement    |f_m - (G s + H s s)_m| <= tolerance_m       s: as u, of e; G, H: features of a wrench. Beyond it the
 //                                                             features contradict each other: some are wrong
 //   covariance   sum v v^T of 6 constant vectors, and of 6 vectors that grow with |s| and with the distance from the
@@ -26,6 +27,7 @@
 #include "estimators/wrench.h"
 #include "estimators/wrench_covariance.h"
 #include "stages/feature_wrench/kernel_map.h"
+#include "stages/feature_wrench/rest_gate.h"
 #include "stages/feature_wrench/wrench_warmth.h"
 #include "store/calibration.h"
 
@@ -77,6 +79,7 @@ class FeatureWrench {
   [[nodiscard]] bool agrees(std::span<const int32_t> features, const Axes& s) const;
   void relax(Axes& e, uint64_t capture_us);
   [[nodiscard]] WrenchCovariance covariance_of(const Axes& u, int64_t outside_q8) const;
+  [[nodiscard]] WrenchCovariance covariance_at_rest() const;
 
   size_t n_ = 0;
   std::vector<int32_t> gain_;       // K, [6][n]
@@ -88,6 +91,7 @@ class FeatureWrench {
   std::vector<int32_t> tolerance_;                  // [n]
   std::array<std::array<Axes, kAxes>, 2> error_{};  // constant, at |u| = 1; uN, uN mm
   KernelMap kernel_;
+  RestGate rest_;
   std::vector<int32_t> held_;  // features within kMaxFeature
   WrenchWarmth warmth_;
   std::vector<Term> terms_;

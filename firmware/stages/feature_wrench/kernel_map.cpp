@@ -37,7 +37,8 @@ bool are_shifts(std::span<const uint8_t> values) {
 }
 
 Error refused(const std::string& what) {
-  return {ErrorKind::kBadInput, "calibration file: wrench.kernel_" + what + ": make it again with cal wrench"};
+  return {ErrorKind::kBadInput,
+          "calibration file: wrench.kernel_" + what + ": make it again with cal fit --only wrench"};
 }
 
 }  // namespace

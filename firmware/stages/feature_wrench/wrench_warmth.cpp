@@ -37,8 +37,9 @@ Result<WrenchWarmth> WrenchWarmth::load(const Calibration& c) {
     return std::all_of(values.begin(), values.end(), [&](int32_t v) { return v >= -limit && v <= limit; });
   };
   if (!are_within(t, kMaxMilliCelsius) || t[1] > t[2] || !are_within(g, kMaxGain) || !are_within(o, kMaxOffset)) {
-    return Error{ErrorKind::kBadInput,
-                 "calibration file: a number of wrench.warm_* is out of range: make it again with cal wrench"};
+    return Error{
+        ErrorKind::kBadInput,
+        "calibration file: a number of wrench.warm_* is out of range: make it again with cal fit --only wrench"};
   }
   out.is_loaded_ = true;
   out.reference_mc_ = t[0];

@@ -93,8 +93,9 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
   const auto z = zero.value()->as<int32_t>(), s = scale.value()->as<int32_t>(), t = trust.value()->as<int32_t>();
   for (size_t i = 0; i < kQuantities; ++i) {
     if (std::abs(int64_t{z[i]}) > 1 << 24 || s[i] < 1 || s[i] > 1 << 24) {
-      return Error{ErrorKind::kBadInput,
-                   "calibration file: fingertip.zero or .scale is out of range: make it again with cal fingertip"};
+      return Error{
+          ErrorKind::kBadInput,
+          "calibration file: fingertip.zero or .scale is out of range: make it again with cal fit --only fingertip"};
     }
     out.zero_[i] = z[i];
     out.scale_[i] = s[i];

@@ -26,7 +26,8 @@ using Vector = TipField::Vector;
 Result<std::optional<TipArea>> TipArea::load(const Calibration& c) {
   if (c.tensor("fingertip.ray") == nullptr) return std::optional<TipArea>();
   const auto bad = [](const char* what) {
-    return Error{ErrorKind::kBadInput, "calibration file: " + std::string(what) + ": make it again with cal fingertip"};
+    return Error{ErrorKind::kBadInput,
+                 "calibration file: " + std::string(what) + ": make it again with cal fit --only fingertip"};
   };
   const auto read = [&](const char* name, const std::vector<int64_t>& shape) {
     return c.tensor(name, Tensor::Type::kI32, shape);

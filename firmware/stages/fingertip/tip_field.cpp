@@ -24,7 +24,8 @@ static_assert(4 * int64_t{kMaxGain} * kMaxShift < int64_t{1} << 62);
 static_assert(4 * kMaxShift * kMaxShift < int64_t{1} << 62);
 
 Error refused(const char* what) {
-  return {ErrorKind::kBadInput, "calibration file: " + std::string(what) + ": make it again with cal fingertip"};
+  return {ErrorKind::kBadInput,
+          "calibration file: " + std::string(what) + ": make it again with cal fit --only fingertip"};
 }
 
 bool are_within(std::span<const int32_t> values, int64_t limit) {

@@ -32,7 +32,7 @@ Result<TipNet> TipNet::load(const Calibration& c, size_t mode, size_t n_modes, s
   TipNet net;
   const auto modes = static_cast<int64_t>(n_modes);
   const auto bad = [](const std::string& what) {
-    return Error{ErrorKind::kBadInput, "calibration file: " + what + ": make it again with cal fingertip"};
+    return Error{ErrorKind::kBadInput, "calibration file: " + what + ": make it again with cal fit --only fingertip"};
   };
   const auto read = [&](const std::string& name, std::vector<int64_t> shape, std::vector<int32_t>& into,
                         int32_t limit = kMaxWeight) -> Status {

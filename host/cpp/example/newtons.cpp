@@ -58,7 +58,7 @@ class Port {
   explicit Port(const char* path) : fd_(open(path, O_RDWR | O_NOCTTY | O_NONBLOCK)) {
     termios settings{};
     if (fd_ < 0 || tcgetattr(fd_, &settings) != 0) return;
-    ioctl(fd_, TIOCEXCL);  // another program would replace this one's subscription
+    if (!is_pty()) ioctl(fd_, TIOCEXCL);  // another program would replace this one's subscription
     cfmakeraw(&settings);
     tcsetattr(fd_, TCSANOW, &settings);
     tcflush(fd_, TCIFLUSH);
@@ -67,6 +67,7 @@ class Port {
   Port& operator=(const Port&) = delete;
   ~Port() {
     if (fd_ < 0) return;
+    ioctl(fd_, TIOCNXCL);
     tcflush(fd_, TCOFLUSH);  // closing would wait for what a dead line never takes
     close(fd_);
   }
@@ -110,6 +111,12 @@ class Port {
   }
 
  private:
+  // A pseudo-terminal stays exclusive after it was closed.
+  [[nodiscard]] bool is_pty() const {
+    const char* name = ttyname(fd_);
+    return name != nullptr && std::string(name).rfind("/dev/pts/", 0) == 0;
+  }
+
   int fd_;
   client::Decoder decoder_;
   std::vector<client::Packet> packets_;

@@ -41,10 +41,11 @@ def common_options(
     """Options before the verb."""
     Settings.port, Settings.serial = port, serial
     Settings.quiet, Settings.progress = quiet, not no_progress
-    if camera is not None and (port or serial):
+    is_named = any(str(context.get_parameter_source(name)).endswith("COMMANDLINE") for name in ("port", "serial"))
+    if camera is not None and is_named:
         raise InputError("--camera: give it alone, or --port or --serial for a sensor that runs its own firmware")
     if camera is not None:
-        Settings.port = context.with_resource(own_camera(camera, board))
+        Settings.port, Settings.serial = context.with_resource(own_camera(camera, board)), None
     elif board is not None:
         raise InputError("--board before the verb needs --camera: a sensor on a port tells its board itself")
 

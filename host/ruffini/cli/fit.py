@@ -89,7 +89,8 @@ def fit(
         raise InputError(f"--only {only!r}: there is no such stage; there are {', '.join(BY_NAME)}")
     paths = [*(logs or []), *(more_logs or [])]
     if not paths and (command is None or options is None or command.logs):
-        raise InputError("no log: give logs, recordings or folders of presses")
+        what = command.logs.rstrip(".") if command is not None and command.logs else "logs, recordings or ball presses"
+        raise InputError(f"nothing to fit to: give {what[0].lower()}{what[1:]}")
     before = None if previous is None else keys.read_verified(previous)
     found = container.board_of(before, board) if before is not None else find_board(board) if board else None
     if found is None and (command is None or command.needs_board):

@@ -23,7 +23,7 @@ from ruffini.estimators.softness.model import (
     mean_of,
 )
 from ruffini.estimators.wrench.fit import fit_wrench_map
-from ruffini.estimators.wrench.log import FeatureRun
+from ruffini.estimators.wrench.log import FeatureRun, features_of
 from ruffini.estimators.wrench.model import frames_of
 from ruffini.evaluate.wrench import on_board
 from ruffini.frames import read_frames
@@ -134,7 +134,7 @@ def evaluate(
     closings = list[Judged]()
     for i, name in enumerate(names):
         fitted = [run for run in log.runs if run.recording != name]
-        fit = fit_wrench_map(fitted, holdout="recording", nonlinear=True)
+        fit = fit_wrench_map(fitted, holdout="recording", nonlinear=True, grid=features_of(board).grid)
         peer = _peer([(pictures[run.name], run.reference[:, Z]) for run in fitted]) if peers else None
         for run in (r for r in log.runs if r.recording == name):
             stated = on_board(fit, frames_of([run], 0.0))
@@ -157,7 +157,7 @@ def _pair(softer: str, harder: str, runs: list[FeatureRun], board: Board, column
     if columns.squeeze_n is None:
         raise InputError("like needs squeeze_n, the two forces between which a squeeze is judged")
     softness = fit_softness(fitted, grid, rigid, columns.squeeze_n, gel_pa_of(board), moduli)
-    wrench = fit_wrench_map(fitted, holdout="recording", nonlinear=True)
+    wrench = fit_wrench_map(fitted, holdout="recording", nonlinear=True, grid=features_of(board).grid)
     shares = {force: {name: list[Share]() for name in judged} for force in (LOAD_CELL, PICTURES)}
     for run in (r for r in runs if r.recording in judged):
         dent, stated = dent_of(run.features, grid), on_board(wrench, frames_of([run], 0.0))

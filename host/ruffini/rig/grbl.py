@@ -34,6 +34,7 @@ class Grbl:
     ) -> None:
         self.name = f"{name} on {port}"
         self._rotary = rotary
+        self._aside_m = 0.0  # of the machine's own x axis from its place above a tube
         self._line = GcodeLine(port, baud)
         self._is_homed = False
         try:
@@ -68,7 +69,7 @@ class Grbl:
     def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
         if not self._is_homed:
             raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
-        distance = self.position().distance(place)
+        distance = self.position().distance(place) + self._aside_m
         try:
             for words in moves(place, speed_m_s, self._rotary):
                 self._command(f"G53 G1 {words}", ANSWER_S, guard)
@@ -139,6 +140,7 @@ class Grbl:
             raise NoDeviceError(
                 f"{self.name} reports {len(axes)} axes, none of them {self._rotary.letter}: check [stage] rotary_axis"
             )
+        self._aside_m = abs(x_m - self._rotary.x_m)
         return Place(self._rotary.way_m(axes[i]), y_m, z_m)
 
     def _command(self, text: str, timeout_s: float, guard: Guard = no_guard) -> None:

@@ -56,14 +56,15 @@ class Rotary(NamedTuple):
 def moves(place: Place, speed_m_s: float, rotary: Rotary | None) -> list[str]:
     """Words of the G1 commands that lead to a place.
 
-    Firmwares disagree on what F means where degrees and millimetres move together: the tube turns first, alone.
+    With a tube each goes alone: firmwares disagree on what F means where degrees and millimetres move together, and
+    the tip must be up before the machine's own x axis goes to its place.
     """
     x, y, z = (1e3 * v for v in place)
     feed = f"F{60e3 * speed_m_s:.1f}"
     if rotary is None:
         return [f"X{x:.4f} Y{y:.4f} Z{z:.4f} {feed}"]
     turn = f"{rotary.letter}{rotary.degrees(place.x_m):.4f} F{60 * rotary.degrees(speed_m_s):.1f}"
-    return [turn, f"X{1e3 * rotary.x_m:.4f} Y{y:.4f} Z{z:.4f} {feed}"]
+    return [f"Z{z:.4f} {feed}", turn, f"X{1e3 * rotary.x_m:.4f} Y{y:.4f} {feed}"]
 
 
 def no_guard() -> None:
@@ -83,7 +84,7 @@ class Stage(Protocol):
         """Its reported position."""
 
     def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
-        """In a straight line, with a `Rotary` in two; returns when it stands there.
+        """In a straight line, with a `Rotary` in three; returns when it stands there.
 
         `guard` is called all the time: where it raises, the stage halts.
 

@@ -109,6 +109,10 @@ class FeatureWrench:
         if agrees and capture_us:
             e = self._relaxed(e, capture_us)
         covariance = self._covariance(self._scaled(e), outside)
+        if self._is_untouched(held):
+            e = [0] * 6
+            sigma = [int(v) for v in table["wrench.rest_error"]]
+            covariance = [sigma[i] ** 2 if i == j else 0 for i in range(6) for j in range(i, 6)]
         wrench = [
             0 if not full else _round_shift(v if i < 3 else 1000 * v, 4)
             for i, (v, full) in enumerate(zip(e, self._full, strict=True))
@@ -116,6 +120,16 @@ class FeatureWrench:
         limit = 1 << 14 if "wrench.kernel_curve" in table else 5 << 12
         is_in_range = outside == 0 and all(abs(v) <= limit for v in strained)
         return Said(wrench, covariance, agrees, is_in_range, is_warmth_known)
+
+    def _is_untouched(self, features: list[int]) -> bool:
+        if "wrench.rest_project" not in self._table:
+            return False
+        limit, shift = 1 << 26, int(self._table["wrench.rest_shift"][0])
+        places = [
+            _round_shift(sum(int(p) * f for p, f in zip(row, features, strict=True)), shift)
+            for row in self._table["wrench.rest_project"]
+        ]
+        return sum(min(max(z, -limit), limit) ** 2 for z in places) <= 1 << 40
 
     def _corrected(self, e: list[int], now: int | None, at_rest: int | None) -> tuple[bool, list[int]]:
         if "wrench.warm_mc" not in self._table:

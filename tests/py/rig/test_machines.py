@@ -224,7 +224,7 @@ ROUND = Place(0.02, 0.03, 0.045)  # 20 mm round the tube
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_axis_turns_the_tube_first_and_x_stays(kind: str) -> None:
+def test_the_tip_goes_up_then_an_axis_turns_the_tube_and_x_stays(kind: str) -> None:
     emulated, driver = KINDS[kind]
     with emulated(rotary=TUBE) as machine:
         stage = driver(machine.port, rotary=TUBE)
@@ -233,10 +233,11 @@ def test_an_axis_turns_the_tube_first_and_x_stays(kind: str) -> None:
         assert machine.place().distance(ROUND) < 1e-6
         assert stage.position().distance(ROUND) < 2e-6
         stage.close()
-    turn, straight = [line for line in machine.received if "G1" in line]
+    up, turn, straight = [line for line in machine.received if "G1" in line]
     assert "A28.6479 F42971.8" in turn  # 20 mm / 40 mm in degrees; 0.5 m/s in degrees a minute
     assert not set("XYZ") & set(turn.partition("G1")[2])
-    assert "X110.0000 Y30.0000 Z45.0000 F30000.0" in straight
+    assert "G1 Z45.0000 F30000.0" in up
+    assert "G1 X110.0000 Y30.0000 F30000.0" in straight
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -29,6 +29,7 @@ from ruffini.estimators.wrench.model import (
     products,
     recordings_of,
 )
+from ruffini.estimators.wrench.rest import rest_gate
 from ruffini.estimators.wrench.terms import (
     FREE_RIDGE,
     LEAST_GAIN,
@@ -69,7 +70,7 @@ NEED_REST = ("noise at rest", "agreement of the features at rest")
 REST_PART = 0.02  # of full scale: nothing presses
 LOADED_PART = 0.1  # likewise: something does
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
-ONE_SIGMA = 0.6827
+ONE_SIGMA, TWO_SIGMAS = 0.6827, 0.9545
 LEAST_KINDS = 5  # kinds of contact: their errors left out tell what another kind differs by
 # Of a force, one sigma, where they do not. wedge-load-cell (real), fitted to balls: other objects err by 0.30 to 0.36
 # (median), 0.48 to 0.55 (90th percentile); 51 to 63 and 89 to 93 % are then within one and two sigma.
@@ -187,6 +188,17 @@ def _fit_at(
         kernel = choose_kernel(frames, touch, folds, errors, must_extrapolate=holdout == "block", grid=grid)
     if kernel is not None:
         chosen, errors = _plain(None), kernel.errors
+    of_map = errors
+    # What another kind of contact may hide, too few kinds do not tell.
+    n_kinds = len({run.kind for run in runs})
+    rest = rest_gate(frames.features, frames.wrench, folds) if grid is not None and n_kinds >= LEAST_KINDS else None
+    if rest is not None:
+        gated = np.where(rest.is_untouched[:, None], -frames.wrench, errors)
+        is_loaded = np.abs(frames.wrench).max(axis=0) > 0
+        if (mean_abs(gated) > mean_abs(errors))[is_loaded].any():  # a gate that hides touches
+            rest = None
+        else:
+            errors = gated
     spread = frames.wrench.std(axis=0)
     r2 = 1 - (rms(errors) / np.where(spread > 0, spread, 1)) ** 2
     is_told = (r2 >= LEAST_R2) & (spread > 0)
@@ -200,10 +212,13 @@ def _fit_at(
         )
     full = np.where(is_told, np.abs(frames.wrench).max(axis=0), 0.0)
     if kernel is None:
-        found = _with_forward(fitted(frames, chosen, full), frames, errors, bend, folds)
+        found = _with_forward(fitted(frames, chosen, full), frames, of_map, bend, folds)
     else:
-        found = _with_forward(kernel_fitted(frames, touch, full, kernel, grid), frames, errors, None, folds)
-    if grid is not None and (n_kinds := len({run.kind for run in runs})) < LEAST_KINDS:
+        found = _with_forward(kernel_fitted(frames, touch, full, kernel, grid), frames, of_map, None, folds,
+                              is_two_held=rest is not None)  # fmt: skip
+    if rest is not None:
+        found = replace(found, rest=replace(rest.gate, error=rest.gate.error * (full > 0)))
+    if grid is not None and n_kinds < LEAST_KINDS:
         found = replace(found, error=_for_other_kinds(found.error, full))
         checks.append(
             f"{n_kinds} of {LEAST_KINDS} kinds of contact: the stated uncertainty is at least "
@@ -418,7 +433,9 @@ def _checks(frames: Frames) -> list[str]:
     return said
 
 
-def _with_forward(found: WrenchMap, frames: Frames, errors: Array, bend: Bend | None, folds: Folds) -> WrenchMap:
+def _with_forward(
+    found: WrenchMap, frames: Frames, errors: Array, bend: Bend | None, folds: Folds, *, is_two_held: bool = False
+) -> WrenchMap:
     """Adds what features a wrench makes, how far they may be off, and the covariance."""
     u = found.scaled(found.elastic(frames))
     pairs = products(u)
@@ -431,14 +448,16 @@ def _with_forward(found: WrenchMap, frames: Frames, errors: Array, bend: Bend | 
         first, beyond = both[:, :6], both[:, 6:] * is_excited
     off = np.abs(frames.features - u @ first.T - pairs @ beyond.T)
     forward = np.concatenate([first, beyond], axis=1)
-    error = _error(found, frames, errors, folds)
+    error = _error(found, frames, errors, folds, is_two_held=is_two_held)
     return replace(found, forward=forward, tolerance=TOLERANCE * off.max(axis=0), error=error)
 
 
-def _error(found: WrenchMap, frames: Frames, errors: Array, folds: Folds) -> Array:
+def _error(found: WrenchMap, frames: Frames, errors: Array, folds: Folds, *, is_two_held: bool) -> Array:
     """Vectors of the covariance: at rest the features' noise through K; of a load what is left of the held-out errors.
 
     The reference's own noise is in both and goes: it is what the reference says of rest frames, where nothing presses.
+    is_two_held : of a kernel, 95 % of all held-out errors are within two sigma, too. Untouched frames, whose errors are
+        small, have a sigma of their own then (`rest`), and the others exceed two of theirs more often.
     """
     linear = found.elastic(frames) if found.kernel else frames.features @ found.gain.T
     at_once = found.corrected(linear, frames.degrees)
@@ -454,7 +473,9 @@ def _error(found: WrenchMap, frames: Frames, errors: Array, folds: Folds) -> Arr
     growing = left / size2[loaded].mean()
     is_measured = np.outer(found.full > 0, found.full > 0)  # nothing is said of the others
     out = np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured, least=LEAST_ERROR * found.full)])
-    return _as_left_out(out, errors, size2, folds) if found.kernel else out
+    if not found.kernel:
+        return out
+    return _as_left_out(out, errors, size2, folds, is_two_held=is_two_held)
 
 
 def _error_of_loads(errors: Array, size2: Array, full: Array, folds: Folds) -> Array:
@@ -467,7 +488,7 @@ def _error_of_loads(errors: Array, size2: Array, full: Array, folds: Folds) -> A
     return _widened(np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured)]), errors, size2, folds)
 
 
-def _as_left_out(out: Array, errors: Array, size2: Array, folds: Folds) -> Array:
+def _as_left_out(out: Array, errors: Array, size2: Array, folds: Folds, *, is_two_held: bool = False) -> Array:
     """Each axis' constant and growing part scaled to the largest likelihood of the held-out errors, then widened.
 
     The likelihood is Student's: moments would follow the few largest errors.
@@ -481,17 +502,20 @@ def _as_left_out(out: Array, errors: Array, size2: Array, folds: Folds) -> Array
             return float((np.log(variance) + (TAIL + 1) * np.log1p(error2 / variance / TAIL)).sum())
 
         scaled[:, :, axis] *= np.exp(0.5 * minimize(unlikely, np.zeros(2), method="Nelder-Mead").x)[:, None]
-    return _widened(scaled, errors, size2, folds)
+    return _widened(scaled, errors, size2, folds, is_two_held=is_two_held)
 
 
-def _widened(out: Array, errors: Array, size2: Array, folds: Folds) -> Array:
+def _widened(out: Array, errors: Array, size2: Array, folds: Folds, *, is_two_held: bool = False) -> Array:
     """Each axis scaled so that one sigma covers 68 % of the held-out errors in the worst fold.
 
     Errors have longer tails than a normal distribution, and what a new recording brings is no less than the worst.
     """
     sigma = np.sqrt((out[0] ** 2).sum(axis=0) + size2[:, None] * (out[1] ** 2).sum(axis=0))
     parts = np.abs(errors) / np.maximum(sigma, 1e-12)
-    return np.asarray(out * np.max([np.quantile(parts[left], ONE_SIGMA, axis=0) for left in folds], axis=0))
+    wide = np.max([np.quantile(parts[left], ONE_SIGMA, axis=0) for left in folds], axis=0)
+    if is_two_held:
+        wide = np.maximum(wide, np.quantile(parts, TWO_SIGMAS, axis=0) / 2)
+    return np.asarray(out * wide)
 
 
 def _for_other_kinds(error: Array, full: Array) -> Array:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ruffini.estimators.wrench.kernel import KernelMap
 from ruffini.estimators.wrench.log import FeatureRun
+from ruffini.estimators.wrench.rest import RestGate
 from ruffini.estimators.wrench.warmth import Degrees, WrenchWarmth
 
 Array = npt.NDArray[np.float64]
@@ -93,7 +94,8 @@ class WrenchMap:
 
     gain (6, n) N and N mm a raw unit; full (6,) what makes u = 1, 0 of an axis that is not measured; square (6, 21);
     relax (terms, 6) parts; forward (n, 27); tolerance (n,); error (2, 6, 6) vectors of the covariance; warmth: None
-    where temperature is not corrected for; kernel: None where the map is linear and quadratic.
+    where temperature is not corrected for; kernel: None where the map is linear and quadratic; rest: None where no
+    frame counts as untouched.
     """
 
     gain: Array
@@ -105,6 +107,7 @@ class WrenchMap:
     error: Array
     warmth: WrenchWarmth | None = None
     kernel: KernelMap | None = None
+    rest: RestGate | None = None
 
     def scaled(self, y: Array) -> Array:
         """u (t, 6) of the linear estimate."""
@@ -113,7 +116,10 @@ class WrenchMap:
     def predicted(self, frames: Frames) -> Array:
         """Wrench of frames in time order, (t, 6); each recording starts from rest."""
         elastic = self.corrected(self.elastic(frames), frames.degrees)
-        return elastic if not self.relax.any() else elastic - forgotten(elastic, frames, self.relax)
+        said = elastic if not self.relax.any() else elastic - forgotten(elastic, frames, self.relax)
+        if self.rest is not None:
+            said = np.where(self.rest.is_untouched(frames.features)[:, None], 0.0, said)
+        return said
 
     def corrected(self, elastic: Array, degrees: Degrees) -> Array:
         """With temperature, without relaxation."""

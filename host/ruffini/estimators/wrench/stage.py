@@ -160,8 +160,7 @@ class WrenchEstimator(Estimator):
             bend=second_order_of(board) if board else None,
             prior=marker_prior(board) if board and options.prior else None,
             nonlinear=options.nonlinear,
-            # The size tells one kind of object, and videos are of several.
-            grid=read.features.grid if options.videos is None else None,
+            grid=read.features.grid,
         )
         tensors, metadata = tables(fit, read.features)
         job.tensors |= tensors

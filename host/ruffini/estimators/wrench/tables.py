@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ruffini.calibrate.container import CalibrationFile, Tensors
 from ruffini.errors import InputError
 from ruffini.estimators.wrench import kernel as wrench_kernel
+from ruffini.estimators.wrench import rest as wrench_rest
 from ruffini.estimators.wrench.fit import Fit
 from ruffini.estimators.wrench.log import Features
 from ruffini.estimators.wrench.model import AXES, TIMES_S, WrenchMap
@@ -65,6 +66,8 @@ def tables(fit: Fit, features: Features) -> tuple[Tensors, dict[str, str]]:
         tensors["wrench.warm_offset"] = _rounded(found.warmth.offset * MILLI * FINE * OFFSET)
     if found.kernel is not None:
         tensors |= wrench_kernel.tables(found.kernel)
+    if found.rest is not None:
+        tensors |= wrench_rest.tables(found.rest)
     residuals = {**fit.report(), "left_out": left_out}
     return tensors, {"wrench.features": features.sort, "residuals": json.dumps(residuals)}
 
@@ -137,7 +140,7 @@ def map_in(file: CalibrationFile) -> WrenchMap:
     n = gain.shape[1]
     forward, tolerance = t.get("forward", np.zeros((n, 27))), t.get("tolerance", np.ones(n))
     return WrenchMap(gain, t["full_scale"] / MICRO, _square_in(t) / FINE, relax, forward, tolerance,
-                     t["error"] / MICRO, warmth, wrench_kernel.map_in(t))  # fmt: skip
+                     t["error"] / MICRO, warmth, wrench_kernel.map_in(t), wrench_rest.gate_in(t))  # fmt: skip
 
 
 def _square_in(t: dict[str, npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
