@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 from broken_line import BrokenLine
-from hang import HANG_S
+from hang import HANG_S, until
 from tiny_sensor import N_FRAMES, ROOT, Sensor, start
 from told_sensor import SCHEMA, Messages, ToldSensor, info_of
 
@@ -167,7 +167,9 @@ def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def test_a_stalled_camera_is_reported_and_its_repeated_results_are_no_frames() -> None:
-    tell = lambda n, stamp: {"WRENCH": wrench(stamp, flags=256 if 1 < n < 80 else 0)}  # noqa: E731
+    def tell(n: int, stamp: Any) -> Messages:
+        return {"STATUS": SCHEMA.new("Status"), "WRENCH": wrench(stamp, flags=256 if 1 < n < 80 else 0)}
+
     with Device(tell, rate_hz=10) as device:
         done = newtons(device.port, "3")
     assert done.returncode == 0
@@ -177,7 +179,9 @@ def test_a_stalled_camera_is_reported_and_its_repeated_results_are_no_frames() -
 
 
 def test_a_force_that_ages_is_reported_while_nothing_arrives() -> None:
-    tell = lambda n, stamp: {"STATUS": SCHEMA.new("Status"), "WRENCH": wrench(stamp, late_s=-1.0 if n < 1 else -5.0)}  # noqa: E731
+    def tell(_: int, stamp: Any) -> Messages:
+        return {"STATUS": SCHEMA.new("Status"), "WRENCH": wrench(stamp, late_s=-2.0)}
+
     with Device(tell) as device, running(device.port, "2") as example:
         assert device.is_timed.wait(HANG_S)
         assert example.stdout is not None
@@ -187,7 +191,18 @@ def test_a_force_that_ages_is_reported_while_nothing_arrives() -> None:
         said = ""
         while "hold still" not in said:
             said = example.stderr.readline()
-    assert "frame 0 is not usable any more" in said
+    assert "no usable force any more" in said
+
+
+def test_a_subscription_that_another_program_took_is_noticed_and_renewed() -> None:
+    """TIME is answered all the same; STATUS comes to subscribers only."""
+    with Device(lambda n, stamp: {"WRENCH": wrench(stamp)} if n < 1 else {}) as device, running(device.port) as example:
+        assert example.stderr is not None
+        device.send()
+        said = ""
+        while "the line was lost" not in said:
+            said = example.stderr.readline()
+        until(lambda: sum(c.WhichOneof("action") == "subscribe" for c in device.commands) == 2, "another subscription")
 
 
 def test_it_goes_on_where_the_line_was_lost(sensor: Sensor, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <ruffini/client.h>
+#include <sys/ioctl.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -26,8 +27,8 @@ namespace {
 constexpr int kTries = 6;
 constexpr double kTickS = 1.0 / 60;            // period of the control loop
 constexpr double kReplyS = 0.5, kTimeS = 1.0;  // until a question is repeated; between two exchanges of time
-constexpr double kTimeOldS = 5.0;              // the clock's error is unknown without an answer to TIME for so long
-constexpr double kSilenceS = 3.0;              // STATUS comes once a second: without a packet the line is dead
+constexpr double kTimeOldS = 5.0;              // the clock's error is unknown if TIME was not answered for so long
+constexpr double kSilenceS = 3.0;              // STATUS comes once a second: without it line or subscription is gone
 constexpr double kNoFrameS = 5.0;              // until a stalled camera is reported
 constexpr double kAwayS = 10.0;                // until the program gives up on a lost line
 
@@ -54,9 +55,10 @@ double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock:
 // A serial port in raw mode, and the packets that arrive on it.
 class Port {
  public:
-  explicit Port(const char* path) : fd_(open(path, O_RDWR | O_NOCTTY)) {
+  explicit Port(const char* path) : fd_(open(path, O_RDWR | O_NOCTTY | O_NONBLOCK)) {
     termios settings{};
     if (fd_ < 0 || tcgetattr(fd_, &settings) != 0) return;
+    ioctl(fd_, TIOCEXCL);  // another program would replace this one's subscription
     cfmakeraw(&settings);
     tcsetattr(fd_, TCSANOW, &settings);
     tcflush(fd_, TCIFLUSH);
@@ -64,7 +66,9 @@ class Port {
   Port(const Port&) = delete;
   Port& operator=(const Port&) = delete;
   ~Port() {
-    if (fd_ >= 0) close(fd_);
+    if (fd_ < 0) return;
+    tcflush(fd_, TCOFLUSH);  // closing would wait for what a dead line never takes
+    close(fd_);
   }
 
   [[nodiscard]] bool is_open() const { return fd_ >= 0; }
@@ -73,8 +77,12 @@ class Port {
   [[nodiscard]] bool write_all(const client::Bytes& bytes) const {
     for (size_t at = 0; at < bytes.size();) {
       const ssize_t n = write(fd_, &bytes[at], bytes.size() - at);
-      if (n <= 0) return false;
-      at += static_cast<size_t>(n);
+      if (n > 0) {
+        at += static_cast<size_t>(n);
+        continue;
+      }
+      pollfd wait{fd_, POLLOUT, 0};
+      if (n == 0 || errno != EAGAIN || poll(&wait, 1, static_cast<int>(1e3 * kTickS)) <= 0) return false;
     }
     return true;
   }
@@ -92,6 +100,7 @@ class Port {
       if (n_ready < 0) return Read::kLineLost;
       uint8_t bytes[4096];
       const ssize_t n = read(fd_, bytes, sizeof bytes);
+      if (n < 0 && (errno == EAGAIN || errno == EINTR)) continue;
       if (n <= 0) return Read::kLineLost;
       packets_ = decoder_.feed(bytes, static_cast<size_t>(n));
       n_taken_ = 0;
@@ -165,31 +174,28 @@ class Printer {
   // Call after each packet, and after connect(), which reads some itself.
   void watch_damage(const Port& port) {
     if (!damage_.update(port.counters().damaged(), now_s())) return;
-    std::fprintf(stderr, "%s: two frames damaged within six minutes: not for control until six minutes pass without\n",
-                 path_);
+    std::fprintf(
+        stderr,
+        "%s: two frames damaged within six minutes: not for control while damage is so frequent: see the cable\n",
+        path_);
   }
 
   // Prints until the line is lost, or all frames have come. Each turn of the loop is one tick of a controller.
   void print_all(Port& port) {
     clock_error_s_ = client::kNaN;  // after a restart the device's clock begins elsewhere
     health_ = ~0U;                  // unknown until STATUS
-    double frame_s = now_s(), heard_s = now_s(), time_s = 0.0;
+    double tick_s = now_s(), time_s = 0.0;
+    frame_s_ = status_s_ = now_s();
     bool is_stalled = false;
     while (!is_done()) {
       if (now_s() - time_s >= kTimeS) {
         time_s = asked_s_ = now_s();
-        if (!port.write_all(encoder_.ask_time(++token_))) return;
+        if (!port.write_all(encoder_.ask_time(++token_))) return lose();
       }
-      client::Packet packet;
-      const auto read = port.next(kTickS, packet);
-      watch_damage(port);
-      if (read == Port::Read::kLineLost || now_s() - heard_s > kSilenceS) return;
-      if (read == Port::Read::kPacket) {
-        heard_s = now_s();
-        if (print(packet)) frame_s = now_s();
-      }
+      tick_s = std::max(tick_s + kTickS, now_s());
+      if (!take_all(port, tick_s) || now_s() - status_s_ > kSilenceS) return lose();
       judge();
-      if (is_stalled != (now_s() - frame_s > kNoFrameS)) {
+      if (is_stalled != (now_s() - frame_s_ > kNoFrameS)) {
         is_stalled = !is_stalled;
         std::fprintf(stderr, "%s: %s\n", path_,
                      is_stalled ? "no new frame for five seconds: see the camera's cable" : "frames come again");
@@ -201,6 +207,26 @@ class Printer {
   }
 
  private:
+  // Prints what arrives until `end_s`; false if the line is lost.
+  bool take_all(Port& port, double end_s) {
+    while (!is_done()) {
+      client::Packet packet;
+      const auto read = port.next(end_s - now_s(), packet);
+      watch_damage(port);
+      if (read != Port::Read::kPacket) return read == Port::Read::kNothing;
+      if (print(packet)) frame_s_ = now_s();
+      if (now_s() > end_s) return true;  // more is there: at the next tick
+    }
+    return true;
+  }
+
+  // The last force is of no use any more: after a restart its time of capture is on another clock.
+  void lose() {
+    wrench_ = client::Wrench{};
+    judge();
+    std::fprintf(stderr, "%s: the line was lost\n", path_);
+  }
+
   // True for a new frame's WRENCH. While the camera delivers nothing, the last one is repeated with kFlagStale.
   bool print(const client::Packet& packet) {
     const char* simulated = packet.is_simulated ? "  SIMULATED" : "";
@@ -218,6 +244,7 @@ class Printer {
     if (const auto* status = std::get_if<client::Status>(&packet.message)) {
       if (status->health != health_) std::fprintf(stderr, "%s: health %u\n", path_, status->health);
       health_ = status->health;
+      status_s_ = now_s();
     }
     if (const auto* contacts = std::get_if<client::Contacts>(&packet.message)) {
       for (const auto& contact : contacts->contacts) {
@@ -252,7 +279,7 @@ class Printer {
   void judge() {
     if (!was_usable_ || is_for_control()) return;
     was_usable_ = false;
-    std::fprintf(stderr, "%s: frame %llu is not usable any more: hold still\n", path_, number(wrench_.stamp));
+    std::fprintf(stderr, "%s: no usable force any more: hold still\n", path_);
   }
 
   static unsigned long long number(const client::Stamp& stamp) { return stamp.frame; }
@@ -266,6 +293,7 @@ class Printer {
   bool was_usable_ = false;  // at the last tick
   uint32_t health_ = ~0U;
   uint64_t token_ = 0;
+  double frame_s_ = 0.0, status_s_ = 0.0;  // when the last new frame and the last STATUS came
   double asked_s_ = 0.0, answered_s_ = 0.0, host_minus_device_s_ = 0.0;
   double clock_error_s_ = client::kNaN;  // NaN: the age of a frame is not known yet
 };
@@ -290,7 +318,6 @@ int main(int argc, char** argv) {
     printer.watch_damage(port);
     if (problem.empty()) {
       printer.print_all(port);
-      if (!printer.is_done()) std::fprintf(stderr, "%s: the line was lost\n", argv[1]);
       connected_s = now_s();
     } else if (!printer.was_connected() || now_s() - connected_s > kAwayS) {
       return fail(argv[1], problem);

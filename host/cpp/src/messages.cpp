@@ -571,7 +571,9 @@ std::array<double, 3> Field::displacement_m_at(size_t node) const {
 }
 
 std::array<double, 3> Field::sigma_n_at(size_t node) const {
-  return of_node(sigma_steps, node, force_step_n, {sigma_validity, sigma_validity, sigma_validity});
+  std::array<Validity, 3> both = validity;
+  if (sigma_validity != Validity::kValid) both.fill(sigma_validity);
+  return of_node(sigma_steps, node, force_step_n, both);
 }
 
 double Depth::depth_m_at(size_t cell) const {

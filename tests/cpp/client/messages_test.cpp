@@ -107,6 +107,10 @@ TEST(ClientMessages, AFieldAndHowSureItIs) {
   EXPECT_DOUBLE_EQ(f.force_n_at(0)[2], -3e-3);
   EXPECT_DOUBLE_EQ(f.force_n_at(1)[0], 0.0);
   EXPECT_DOUBLE_EQ(f.sigma_n_at(1)[2], 90e-6);
+  Field invalid = f;
+  invalid.validity[2] = Validity::kInvalid;
+  EXPECT_TRUE(std::isnan(invalid.sigma_n_at(1)[2]));
+  EXPECT_FALSE(std::isnan(invalid.sigma_n_at(1)[0]));
   EXPECT_TRUE(std::isnan(f.displacement_m_at(0)[0]));  // not sent
   EXPECT_TRUE(f.slip.values.empty());
 }

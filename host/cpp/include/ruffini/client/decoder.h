@@ -1,5 +1,5 @@
 // Decodes the bytes of a sensor's line to typed messages. Any input is safe: it cannot crash the decoder, memory is
-// limited to 70 MB, and damaged data is counted.
+// limited to 100 MB, and damaged data is counted.
 #pragma once
 
 #include <array>

@@ -22,6 +22,7 @@ class Encoder {
   Bytes ask_status();
   Bytes ask_time(uint64_t token);
   // Subscribes to every n-th message of each type, e.g. {{Type::kWrench, 1}, {Type::kField, 4}}; at most 16 types.
+  // STATUS comes once a second for any n above 0.
   // Replaces the previous subscription.
   Bytes subscribe(const std::vector<std::pair<Type, uint32_t>>& every);
   // Learns the rest image of the untouched pad again; n_frames 0: `n_rest_frames` of the board. The reply is REFUSED if the pad

@@ -1,6 +1,6 @@
 // Messages of a sensor in SI units. Origin: centre of the undeformed pad's surface, x right and y down in the camera's
-// image, z out of the pad. Forces act ON the pad: pressing is negative z. Where a comment has "NaN unless VALID", the
-// number is NaN then; all others are as transmitted. The messages of one camera frame have the same Stamp::frame: pair
+// image, z out of the pad. Forces act ON the pad: pressing is negative z. A number is NaN where its comment or its type's
+// says so; all others are as transmitted. The messages of one camera frame have the same Stamp::frame: pair
 // WRENCH with CONTACTS by it.
 #pragma once
 
@@ -156,8 +156,8 @@ struct Residual {
 
 enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
 
-// Parts of a contact that only some boards report. Numbers that are not stated, and all numbers of an invalid contact, are NaN, except
-// those marked "as sent".
+// Parts of a contact that only some boards report. NaN: a number that was not stated, and all of a contact whose force
+// along z is INVALID, except those marked "as sent".
 
 // A touch of a skin, in the camera's axes.
 struct SkinTouch {
@@ -206,7 +206,7 @@ struct FlowParts {
 
 struct Contact {
   uint32_t id = 0;
-  double area_m2 = 0.0;              // as sent, whatever the validity
+  double area_m2 = 0.0;              // as sent, whatever the validity; of skins and fingertips 0: not known
   std::array<double, 2> center_m{};  // as sent, whatever the validity
   std::array<Measured, 3> force_n;   // x, y, z
   Measured peak_depth_m;
@@ -312,7 +312,8 @@ struct Reply {
 };
 
 // Answer to Encoder::ask_time. With the host's clock at the request, t_request, and at the answer, t_answer, host minus
-// device is (t_request + t_answer - received_us - sent_us) / 2.
+// device is (t_request + t_answer - received_us - sent_us) / 2, with an error of at most half of
+// (t_answer - t_request) - (sent_us - received_us), and of the clocks' drift since.
 struct Time {
   uint64_t token = 0;
   uint64_t received_us = 0;  // the request, on the clock of Stamp::capture_us
