@@ -65,7 +65,7 @@ void FramePath::watch(const FrameView& frame) {
   // Colours become slopes, and a level decides the area of a target.
   const bool needs_curve = writes(Slot::kSlope) || writes(Slot::kTargets);
   if (needs_curve && pixels.is_off_curve) state_.flags |= kFlagLight;
-  // Pins have no levels of their own that could be compared.
+  // On fingertips no stage compares levels, and an offset moves the pins' centroids (image/frame_watch.h).
   if (seen.is_light_wrong || (seen.is_level_off && writes(Slot::kToolTouch))) state_.flags |= kFlagLight;
   pipeline_.charge(Slot::kDifference, clock_() - start);
 }
