@@ -97,6 +97,11 @@ class Found:
         """Share of all truths within so many stated standard deviations."""
         return float(np.concatenate([np.abs(c.force - c.truth) <= n_sigmas * c.sigma for c in self.closings]).mean())
 
+    def within_of_touched(self, n_sigmas: float) -> float:
+        """Likewise, of the frames on which the board states a force."""
+        parts = [(np.abs(c.force - c.truth) <= n_sigmas * c.sigma)[c.force != 0] for c in self.closings]
+        return float(np.concatenate(parts).mean())
+
     def at_rest(self) -> float:
         """Mean force of the first second, without a sign, N."""
         return float(np.concatenate([np.abs(c.force[c.run.time_s < UNTOUCHED_S]) for c in self.closings]).mean())

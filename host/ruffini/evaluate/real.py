@@ -136,6 +136,8 @@ def pressed_objects(mapping: Path, folder: Path, page: Page, progress: Progress)
     rows += [row(f"{left_out} left out", itemgetter(left_out)) for left_out in ours]
     for n, word in ((1, "one stated sigma"), (2, "two")):
         rows.append(Row(name, f"truths within {word}", "%", 100 * found.within(n), {}))
+        part = 100 * found.within_of_touched(n)
+        rows.append(Row(name, f"truths within {word}, of frames that state a force", "%", part, {}))
     rows.append(Row(name, "mean magnitude of Fz in the first second, untouched", "N", found.at_rest(), {}))
     for force, pairs in found.pairs.items():
         rows += _softness(name, f"softness with the force of {force}", pairs)
