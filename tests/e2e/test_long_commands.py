@@ -21,7 +21,6 @@ NEEDS_OUT = re.compile(r"ruffini reproduce(?!.* --out)(?!.* --only method)")  # 
 ENDLESS = re.compile(r"ruffini view --demo")  # until Ctrl-C; test_view_boards.py
 HOURS = re.compile(r"ruffini (reproduce|cal auto) ")
 ELSEWHERE = {  # command as a text shows it: what it wants, or what runs it
-    "ruffini reproduce --only method": "each board's own",
     "ruffini board eeprom write": "an EEPROM and the identity's serial number",
     "ruffini cal check": "a sensor, and a weight or ball",
     "ruffini cal fit --only wrench": "a log",
