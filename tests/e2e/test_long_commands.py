@@ -24,6 +24,7 @@ ELSEWHERE = {  # command as a text shows it: what it wants, or what runs it
     "ruffini board eeprom write": "an EEPROM and the identity's serial number",
     "ruffini cal check": "a sensor, and a weight or ball",
     "ruffini cal fit --only wrench": "a log",
+    "ruffini cal file merge unit.safetensors colours.safetensors --out both.safetensors": "two fitted files",
     "ruffini cal undo": "a sensor",
     "ruffini cal zero": "a sensor",
     "ruffini devices": "a sensor",
