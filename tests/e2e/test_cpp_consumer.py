@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import pty
 import re
@@ -36,6 +37,9 @@ def program() -> Path:
 
 def newtons(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([program(), *arguments], capture_output=True, text=True, timeout=HANG_S, check=False)
+
+
+TIOCGEXCL = 0x80045440  # whether a terminal is exclusive
 
 
 def wrenches(sensor: Sensor, store: Path) -> list[Wrench]:
@@ -198,13 +202,22 @@ def lines_until(stream: IO[str], end: str) -> Iterator[str]:
 
 
 def test_a_subscription_that_another_program_took_is_noticed_and_renewed() -> None:
-    """TIME is answered all the same; STATUS comes to subscribers only."""
-    with Device(lambda n, stamp: {"WRENCH": wrench(stamp)} if n < 1 else {}) as device, running(device.port) as example:
+    """TIME is answered all the same; STATUS comes to subscribers only. The force of before is not used any more."""
+
+    def tell(n: int, stamp: Any) -> Messages:
+        return {"STATUS": SCHEMA.new("Status"), "WRENCH": wrench(stamp, late_s=-100.0)} if n < 1 else {}
+
+    with Device(tell) as device, running(device.port) as example:
+        assert device.is_timed.wait(HANG_S)
+        assert example.stdout is not None
         assert example.stderr is not None
         device.send()
-        with guard("the note"):
-            list(lines_until(example.stderr, "the line was lost"))
+        assert example.stdout.readline().endswith("  usable  SIMULATED\n")
+        with guard("the notes"):
+            notes = list(lines_until(example.stderr, "the line was lost"))
         until(lambda: sum(c.WhichOneof("action") == "subscribe" for c in device.commands) == 2, "another subscription")
+        assert not fcntl.ioctl(device.slave, TIOCGEXCL, b"\0" * 4).strip(b"\0"), "another program can open the pty"
+    assert "hold still" in notes[-2]
 
 
 def test_it_goes_on_where_the_line_was_lost(sensor: Sensor, tmp_path: Path) -> None:

@@ -133,6 +133,7 @@ def test_verbs_use_a_camera_of_this_computer_and_its_calibrations(
         code = main()
         return code, *capsys.readouterr()
 
+    monkeypatch.setenv("RUFFINI_PORT", "/dev/of_another_sensor")  # what is named on the command line decides
     own = ("--camera", str(sensor.recording), "--board", str(sensor.board.folder))
     code, _, said = run(*own, "cal", "flash", str(tmp_path / "unit.safetensors"))
     assert code == 0, said

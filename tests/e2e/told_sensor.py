@@ -62,10 +62,10 @@ class ToldSensor:
         self._hello.schema_sha256 = self._schema.sha256
         self._sensors = [info.sensor for info in infos]
         self._tell, self._period_s = tell, 1 / rate_hz if rate_hz is not None else None
-        self.master, self._slave = os.openpty()
-        tty.setraw(self._slave)
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
         os.set_blocking(self.master, False)
-        self.port = os.ttyname(self._slave)
+        self.port = os.ttyname(self.slave)
         self.n_frames, self.stop_after = 0, 0  # frames until it falls silent; 0: never
         self.commands: list[Any] = []
         self._sequence = dict.fromkeys([*self._sensors, 255], 0)
@@ -81,7 +81,7 @@ class ToldSensor:
         self._stop.set()
         self._thread.join()
         os.close(self.master)
-        os.close(self._slave)
+        os.close(self.slave)
 
     def send(self, n: int = 1) -> int:
         """Send the next frames as soon as something is subscribed to; returns the number of the last."""

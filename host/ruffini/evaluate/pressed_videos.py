@@ -102,6 +102,10 @@ class Found:
         parts = [(np.abs(c.force - c.truth) <= n_sigmas * c.sigma)[c.force != 0] for c in self.closings]
         return float(np.concatenate(parts).mean())
 
+    def hidden(self) -> list[float]:
+        """What the load cell reads on frames on which the board states no force, without a sign, N."""
+        return [float(abs(n)) for c in self.closings for n in c.truth[c.force == 0]]
+
     def at_rest(self) -> float:
         """Mean force of the first second, without a sign, N."""
         return float(np.concatenate([np.abs(c.force[c.run.time_s < UNTOUCHED_S]) for c in self.closings]).mean())

@@ -139,6 +139,10 @@ def pressed_objects(mapping: Path, folder: Path, page: Page, progress: Progress)
         part = 100 * found.within_of_touched(n)
         rows.append(Row(name, f"truths within {word}, of frames that state a force", "%", part, {}))
     rows.append(Row(name, "mean magnitude of Fz in the first second, untouched", "N", found.at_rest(), {}))
+    if hidden := sorted(found.hidden()):
+        what = "load cell on frames that state no force"
+        rows.append(Row(name, f"{what}: 99th percentile", "N", hidden[int(0.99 * (len(hidden) - 1))], {}))
+        rows.append(Row(name, f"{what}: largest", "N", hidden[-1], {}))
     for force, pairs in found.pairs.items():
         rows += _softness(name, f"softness with the force of {force}", pairs)
         page.table(["softer", "harder", f"by the force of {force}", "chance of being wrong"],

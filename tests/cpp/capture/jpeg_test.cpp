@@ -2,10 +2,14 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdio>
+#include <cstdlib>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <random>
 #include <vector>
+// jpeglib.h requires size_t and FILE from the headers above.
+#include <jpeglib.h>
 
 namespace ruffini {
 namespace {
@@ -118,6 +122,52 @@ TEST(Jpeg, AFrameIsDecodedWithNoTablesOfTheFrameBefore) {
   const std::vector<uint8_t> without = without_segments(encoded(picture()), kQuantizationTables);
   ASSERT_TRUE(decodes(decoder, fine, ours));
   EXPECT_FALSE(decodes(decoder, without, ours)) << "there are no standard quantization tables";
+}
+
+// A progressive file with a scan for each of the 64 coefficients of each component.
+std::vector<uint8_t> with_a_scan_for_each_coefficient(const cv::Mat& image) {
+  constexpr int kCoefficients = 64;
+  jpeg_compress_struct out{};
+  jpeg_error_mgr errors{};
+  out.err = jpeg_std_error(&errors);
+  jpeg_create_compress(&out);
+  unsigned char* data = nullptr;
+  unsigned long n_bytes = 0;
+  jpeg_mem_dest(&out, &data, &n_bytes);
+  out.image_width = static_cast<JDIMENSION>(image.cols);
+  out.image_height = static_cast<JDIMENSION>(image.rows);
+  out.input_components = image.channels();
+  out.in_color_space = image.channels() == 1 ? JCS_GRAYSCALE : JCS_EXT_BGR;
+  jpeg_set_defaults(&out);
+  std::vector<jpeg_scan_info> scans;
+  for (int component = 0; component < image.channels(); ++component) {
+    for (int k = 0; k < kCoefficients; ++k) scans.push_back({1, {component, 0, 0, 0}, k, k, 0, 0});
+  }
+  out.scan_info = scans.data();
+  out.num_scans = static_cast<int>(scans.size());
+  jpeg_start_compress(&out, TRUE);
+  for (int y = 0; y < image.rows; ++y) {
+    auto* row = const_cast<JSAMPLE*>(image.ptr(y));
+    jpeg_write_scanlines(&out, &row, 1);
+  }
+  jpeg_finish_compress(&out);
+  jpeg_destroy_compress(&out);
+  const std::vector<uint8_t> bytes(data, data + n_bytes);
+  std::free(data);
+  return bytes;
+}
+
+TEST(Jpeg, AFileMayHaveSeveralScansButNotHundreds) {
+  JpegDecoder decoder(JpegDecoder::Scans::kAny);
+  cv::Mat ours, grey;
+  const std::vector<uint8_t> usual = encoded(picture(), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
+  ASSERT_TRUE(decodes(decoder, usual, ours));
+  EXPECT_EQ(cv::norm(ours, cv::imdecode(usual, cv::IMREAD_COLOR), cv::NORM_INF), 0);
+  cv::extractChannel(picture(), grey, 2);
+  EXPECT_TRUE(decodes(decoder, with_a_scan_for_each_coefficient(grey), ours)) << "64 scans";
+  const std::vector<uint8_t> many = with_a_scan_for_each_coefficient(picture());
+  EXPECT_FALSE(cv::imdecode(many, cv::IMREAD_COLOR).empty());
+  EXPECT_FALSE(decodes(decoder, many, ours)) << "192 scans";
 }
 
 TEST(Jpeg, OtherSizesAndProgressiveOnesAreRefused) {

@@ -139,6 +139,14 @@ TEST_F(ReplayCameraTest, ALoopStartsAgainAndGoesOnCounting) {
   EXPECT_EQ(pool_[0].number, 4U);
 }
 
+TEST_F(ReplayCameraTest, OneImageIsOneFrame) {
+  picture("a.bmp", 10);
+  const std::string path = (folder_ / "a.bmp").string();
+  const auto replay = open(path).value(), loop = open(path, true).value();
+  for (const int level : {10, -1, -1}) EXPECT_EQ(next(*replay), level);
+  for (const int level : {10, 10, 10}) EXPECT_EQ(next(*loop), level);
+}
+
 TEST_F(ReplayCameraTest, ASpoiltFrameIsInvalidAndTheNextOneGood) {
   picture("a.png", 10);
   write("b.png", "no picture");

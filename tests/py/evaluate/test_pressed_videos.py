@@ -64,6 +64,7 @@ def test_untouched_frames_and_the_share_within_sigma(found: Found) -> None:
     assert found.at_rest() < 0.2
     assert 0.3 < found.within(1.0) <= found.within(2.0) < 1.0
     assert found.within(1e9) == 1.0
+    assert len(found.hidden()) == sum(int((c.force == 0).sum()) for c in found.closings)
     stated = sum(int((c.force != 0).sum()) for c in found.closings)
     hidden = [(np.abs(c.force - c.truth) <= c.sigma)[c.force == 0] for c in found.closings]
     n = sum(len(c.force) for c in found.closings)
