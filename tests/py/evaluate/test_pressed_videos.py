@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from pressed_gel import LEVELS_PER_N, small_wedge, write_video
 
-from ruffini.boards import Board, parse_board
+from ruffini.boards import Board, boards_folder, parse_board
 from ruffini.calibrate.log.videos import VideoColumns
+from ruffini.calibrate.report.html import Page
 from ruffini.errors import InputError
 from ruffini.estimators.softness.model import mean_of
 from ruffini.evaluate import pressed_videos
 from ruffini.evaluate.pressed_videos import LOAD_CELL, PICTURES, Found, evaluate
+from ruffini.evaluate.real import pressed_objects
 from ruffini.evaluate.wrench import has_peers
 
 COLUMNS = VideoColumns("load", "N", "frame", r"(.*)_\d")
@@ -69,6 +71,20 @@ def test_untouched_frames_and_the_share_within_sigma(found: Found) -> None:
     hidden = [(np.abs(c.force - c.truth) <= c.sigma)[c.force == 0] for c in found.closings]
     n = sum(len(c.force) for c in found.closings)
     assert found.within(1.0) * n == pytest.approx(found.within_of_touched(1.0) * stated + np.concatenate(hidden).sum())
+
+
+def test_the_table_says_what_a_picture_as_at_rest_hides(found: Found, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The untouched frames of one closing, and one frame of a press, state no force."""
+    first = found.closings[0]
+    pressed = int(np.abs(first.truth).argmax())
+    silent = (np.abs(first.truth) < 1e-3) | (np.arange(len(first.truth)) == pressed)
+    gated = replace(found, closings=[replace(first, force=np.where(silent, 0.0, first.force)), *found.closings[1:]])
+    monkeypatch.setattr("ruffini.evaluate.real.pressed_videos.evaluate", lambda *_, **__: gated)
+    mapping = boards_folder() / "gelsight-wedge" / "wedge-load-cell.videos.toml"
+    rows = {r.figure: r.ours for r in pressed_objects(mapping, mapping.parent, Page("test"), lambda _: None)}
+    assert rows["load cell on frames that state no force: largest"] == abs(first.truth[pressed]) > 1
+    assert rows["load cell on frames that state no force: 99th percentile"] < 0.1
+    assert rows["truths within two, of frames that state a force"] == pytest.approx(100 * gated.within_of_touched(2.0))
 
 
 def squeezes(folder: Path, name: str, share: float) -> None:
