@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from kept import kept
 
 from ruffini.estimators.wrench.fit import Fit, fit_wrench_map
-from ruffini.estimators.wrench.log import FeatureRun
+from ruffini.estimators.wrench.log import FeatureRun, _kind_of
 from ruffini.estimators.wrench.model import frames_of
 from ruffini.estimators.wrench.rest import rest_gate
 from ruffini.evaluate.wrench import on_board
@@ -103,3 +104,11 @@ def test_rest_without_noise_and_light_that_differs_by_recording_give_no_gate() -
     apart[np.arange(len(unloaded)), frames.recording % 2] = 100.0
     halves = [frames.recording % 2 == k for k in range(2)]
     assert rest_gate(apart, frames.wrench, halves) is None
+
+
+def test_what_pressed_is_the_named_tip_or_the_log_or_all_rounds_from_the_page() -> None:
+    a, b, ball = Path("unit/presses-1.h5"), Path("unit/presses-2.h5"), {"shape": "sphere", "radius_m": 3e-3}
+    assert _kind_of(a, {"tip": ball}) == _kind_of(b, {"tip": ball}) != _kind_of(a, {"tip": {**ball, "radius_m": 4e-3}})
+    assert _kind_of(a, {"tip": None}) != _kind_of(b, {"tip": None})
+    assert _kind_of(a, {"tip": None, "round": 0}) == _kind_of(b, {"tip": None, "round": 1})
+    assert _kind_of(a, {"round": 0}) != _kind_of(Path("other/presses-1.h5"), {"round": 0})

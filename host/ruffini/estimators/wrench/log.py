@@ -8,10 +8,10 @@ targets or markers of a `cal collect` log.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -192,10 +192,7 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
         if log.found.get("reference", {}).get("name") == PLACED:
             time_s, rows, reference = _placed(touch, time_s, rows, reference)
             reference_s = time_s
-        tip = touch.facts.get("tip", log.facts.get("tip"))
-        # Rounds of one calibration from the page are pressed with the same thing.
-        unnamed = path.parent if "round" in log.facts else path
-        kind = json.dumps(tip, sort_keys=True) if tip else str(unnamed)
+        kind = _kind_of(path, {**log.facts, **touch.facts})
         out.append(FeatureRun(f"{path.name}/{number}", time_s, rows, np.asarray(np.isfinite(rows).all(axis=1)),
                               reference_s, reference, Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest)),
                               np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}",
@@ -204,6 +201,16 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
         kept = "features of its picture" if wanted.sort == "picture" else f"{wanted.sort} in pixels"
         raise InputError(f"{path} holds no {kept}: give recordings of frames instead, or collect it again")
     return out
+
+
+def _kind_of(path: Path, facts: Mapping[str, Any]) -> str:
+    """What pressed: the tip where the log names it, else whatever this log was pressed with.
+
+    Rounds of one calibration from the page, logs of one folder, are pressed with the same thing.
+    """
+    if tip := facts.get("tip"):
+        return json.dumps(tip, sort_keys=True)
+    return str(path.parent if "round" in facts else path)
 
 
 def _rows_of(log: Log, touch: TouchRecord, sort: str) -> tuple[Array, Array] | None:
