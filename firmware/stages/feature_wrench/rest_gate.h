@@ -1,7 +1,7 @@
-// Whether the features of a picture are those of an untouched gel: its noise, and light that drifts.
+// Decides whether a picture's features are those of an untouched gel, which vary by noise and by light that drifts.
 //
-//   |R f| <= 1 touches nothing      R: d x n, Q20; R^T R is the inverse covariance of untouched features over a limit on
-//                                   which the fit decides (host/ruffini/estimators/wrench/rest.py)
+//   untouched: |R f| <= 1      R: d x n, Q20; R^T R is the inverse covariance of untouched features over the square of
+//                              the limit that the fit sets (host/ruffini/estimators/wrench/rest.py)
 //
 // Not in the paper. Frame thread; no allocation after load.
 #pragma once

@@ -1,6 +1,6 @@
-"""Whether the features of a picture are those of an untouched gel, for which the wrench is zero.
+"""Fits the decision whether a picture's features are those of an untouched gel, for which the wrench is zero.
 
-A map that is fitted to loads says a force of the light's drift, too. Untouched frames show how features vary while
+A map that is fitted to loads turns the light's drift into a force. Untouched frames show how features vary while
 nothing presses: a frame whose Mahalanobis distance from zero is no larger than theirs shows no touch.
 firmware/stages/feature_wrench/rest_gate.h has the equation. Units here: N and N mm.
 """
