@@ -5,6 +5,7 @@ The stream is stored on disk as it arrives; clocks and touches are determined on
 
 from __future__ import annotations
 
+import itertools
 import threading
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ruffini import host_clock
 from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
 from ruffini.rig.bench import Person
@@ -31,6 +31,7 @@ Array = npt.NDArray[np.float64]
 CHUNK_S = 5.0
 COARSE_S = 0.01
 MIN_OVERLAP_S = 3.0
+MOST_ALIKE = 0.9999  # rounding makes no correlation surer than that
 
 
 class Joined(NamedTuple):
@@ -48,20 +49,16 @@ def record(stream: StreamWatch, person: Person, log: LogWriter, session: str) ->
     stop, failed = threading.Event(), list[RuffiniError]()
 
     def keep() -> None:
-        start, number = host_clock.now(), 0
-        while True:
+        stream.take()  # of before the record
+        for number in itertools.count():
             is_last = stop.wait(CHUNK_S)
-            now = host_clock.now()
-            window = stream.since(start)
-            stream.forget(now)
-            write_whole(log.side_file(f"stream-{number:04d}.npz"), packed(window, session))
-            start, number = now, number + 1
-            if is_last:
-                return
+            write_whole(log.side_file(f"stream-{number:04d}.npz"), packed(stream.take(), session))
             try:
                 stream.latest()
             except RuffiniError as error:
                 failed.append(error)
+                return
+            if is_last:
                 return
 
     thread = threading.Thread(target=keep, name="keep the stream", daemon=True)
@@ -126,7 +123,11 @@ def align(stream_s: Array, stream_signal: Array, log_s: Array, log_n: Array) -> 
 
 
 def _rough_shift(stream_s: Array, signal: Array, log_s: Array, force_n: Array) -> float:
-    """Shift, in steps of 10 ms, with the best correlation of two records where they overlap."""
+    """Shift, in steps of 10 ms, that best explains one record by the other where they overlap.
+
+    For a correlation r over n samples, the log-likelihood gained over unrelated records is -n/2 log(1 - r^2). The
+    largest r alone is no measure: where only one press overlaps, almost any two presses are alike.
+    """
     from scipy.signal import correlate
 
     a, b = (np.interp(np.arange(t[0], t[-1], COARSE_S), t, v) for t, v in ((stream_s, abs(signal)), (log_s, force_n)))
@@ -136,7 +137,8 @@ def _rough_shift(stream_s: Array, signal: Array, log_s: Array, force_n: Array) -
     energy = correlate(b**2, ones_a, method="fft") * correlate(ones_b, a**2, method="fft")
     alike = correlate(b, a, method="fft") / np.sqrt(np.maximum(energy, 1e-12 * max(float(energy.max()), 1e-30)))
     alike[overlap < min(MIN_OVERLAP_S / COARSE_S, 0.5 * min(len(a), len(b)))] = 0
-    lag = int(alike.argmax()) - (len(a) - 1)
+    gained = -overlap * np.log1p(-(np.clip(alike, 0, MOST_ALIKE) ** 2))
+    lag = int(gained.argmax()) - (len(a) - 1)
     return float(log_s[0] + lag * COARSE_S - stream_s[0])
 
 

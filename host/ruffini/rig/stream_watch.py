@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -220,13 +220,14 @@ class StreamWatch:
 
     def since(self, host_s: float) -> Window:
         """What arrived after `host_s`."""
-        window = Window(*([] for _ in KINDS))
-        of_type: dict[type, list[Any]] = dict(zip(KINDS, window, strict=True))
         with self._lock:
-            for arrived_s, sample in self._samples:
-                if arrived_s > host_s:
-                    of_type[type(sample)].append(sample)
-        return window
+            return _window(sample for arrived_s, sample in self._samples if arrived_s > host_s)
+
+    def take(self) -> Window:
+        """What arrived since the last call, each sample once; it is freed here."""
+        with self._lock:
+            taken, self._samples = self._samples, deque()
+        return _window(sample for _, sample in taken)
 
     def recent(self, duration_s: float) -> list[StreamSample]:
         """Frames of the last `duration_s`; none where the camera stands still. Raises nothing."""
@@ -247,6 +248,14 @@ class StreamWatch:
     def _forget(self, host_s: float) -> None:
         while self._samples and self._samples[0][0] <= host_s:
             self._samples.popleft()
+
+
+def _window(samples: Iterable[Sample]) -> Window:
+    window = Window(*([] for _ in KINDS))
+    of_type: dict[type, list[Any]] = dict(zip(KINDS, window, strict=True))
+    for sample in samples:
+        of_type[type(sample)].append(sample)
+    return window
 
 
 def _frame(now: float, w: Wrench) -> list[Sample]:

@@ -108,6 +108,21 @@ def test_a_sensor_without_force_is_joined_by_its_markers():
         _activity(window._replace(markers=[]))
 
 
+def test_many_presses_that_are_nearly_alike_outweigh_one_that_is_exactly():
+    """The stream's forces are off by up to a fifth, and its first press looks exactly like the log's last."""
+    starts, width_s = np.array([2.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 27.0]), 1.4
+    log_n, stream_n = [0.6, 1.1, 0.8, 1.4, 0.5, 1.0, 0.7, 1.2], [0.7, 1.0, 0.95, 1.2, 0.6, 0.85, 0.85, 1.2]
+
+    def shown(t, sizes):
+        return sum(
+            s * np.clip(np.minimum(t - a, a + width_s - t) / 0.3, 0, 1) for a, s in zip(starts, sizes, strict=True)
+        )
+
+    stream_s, log_s = np.arange(0, 31, 0.1), np.arange(-0.5, 31, 0.1)
+    fit = align(40 + stream_s, -shown(stream_s, stream_n), OFFSET_S + log_s, shown(log_s, log_n))
+    assert fit.offset_s == pytest.approx(OFFSET_S - 40, abs=0.01)
+
+
 def test_a_touch_with_a_fault_is_left_out_and_named(log, tmp_path):
     path = tmp_path / "force.csv"
     path.write_text(csv_text())

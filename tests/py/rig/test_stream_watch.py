@@ -9,7 +9,7 @@ import pytest
 from hang import until
 
 from ruffini.rig import stream_watch
-from ruffini.rig.stream_watch import StreamWatch
+from ruffini.rig.stream_watch import StreamWatch, Window
 from ruffini.wire import Schema
 
 
@@ -54,6 +54,8 @@ def test_contacts_come_beside_their_frame():
         assert window.contacts[0].stream_s == window.frames[0].stream_s == 5.0
         assert watch.force()[2] == pytest.approx(-1.0)
         assert window.between(5.5, 7).contacts == []
+        assert [len(kind) for kind in watch.take()] == [len(kind) for kind in window]
+        assert watch.take() == Window([], [], [], [], [], [])
 
 
 def test_temperatures_are_those_that_the_device_says_now(monkeypatch):
