@@ -23,12 +23,14 @@ SCALE = '[reference]\nkind = "weight"\nsigma_g = 2.0\n'
 
 
 class Truth:
-    """The twin's own force, by time."""
+    """The twin's own force, by time, and the number of its newest frame."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[float, float]] = []
+        self.frame = 0
 
-    def note(self, _frame: int, wrench: np.ndarray) -> None:
+    def note(self, frame: int, wrench: np.ndarray) -> None:
+        self.frame = frame
         self.rows.append((host_clock.now(), float(wrench[2])))
 
     def held(self, facts: dict[str, float]) -> float:

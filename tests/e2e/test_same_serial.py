@@ -79,7 +79,7 @@ def test_no_serial_number_chooses_among_them(pair: tuple[Daemon, Daemon], serial
 
 def test_beside_a_third_one_both_options_choose(pair: tuple[Daemon, Daemon], sensor: Sensor, tmp_path: Path) -> None:
     ports = [daemon.port for daemon in pair]
-    with start(sensor, tmp_path / "c", serial="0002") as third:
+    with start(sensor, tmp_path / "c", "--loop", serial="0002") as third:
         with pytest.raises(
             SeveralDevicesError, match=rf"--port or --serial.*; .* have the same serial number {SERIAL}"
         ):

@@ -123,7 +123,7 @@ def desk(
 def force_error(page: Page, person: EmulatedPerson, truth: Truth, grams: float, place: str) -> float:
     """The force that the page shows of a weight on the pad, over the twin's own, less 1."""
     person.confirm(f"put {grams:g} g at {place}")
-    frame = sensor_of(state_of(page))["wrench"]["frame"]
+    frame = truth.frame  # the page may be behind
     shown = wait_for(page, "frames of it", lambda s: sensor_of(s)["wrench"]["frame"] > frame + SETTLED_FRAMES)
     said_n, true_n = -sensor_of(shown)["wrench"]["values"][2], -truth.rows[-1][1]
     person.confirm("take it away")
