@@ -49,8 +49,8 @@ run: setup  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the d
 
 # Test modules run longest first, by what each took last time; each stays with one worker, whose fixtures it shares.
 # Bytecode is kept also where the environment forbids it: pytest's own of the tests takes six seconds in every worker.
-# A worker waits a third of its time for daemons, pages and shells, so two workers more than cores keep the cores busy.
-PYTEST = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $$(($(JOBS) + 2)) \
+# A worker waits half of its time for daemons, pages and shells, so three workers a core keep the cores busy.
+PYTEST = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $$(($(JOBS) * 3)) \
   --dist loadfile --no-loadscope-reorder --durations 10 --durations-min 1
 ONLY ?=
 ifdef ONLY
@@ -66,8 +66,8 @@ else
 test: build
 	@.ci/setup browser
 	@npm --prefix host/page --silent test
-	@ctest --test-dir $(BUILD) --output-on-failure -j $$(($(JOBS) + 2)) | .ci/slowest
-	@$(PYTEST) tests
+	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) > $(BUILD)/ctest.log 2>&1 & cpp=$$!; failed=; \
+	  $(PYTEST) tests || failed=1; wait $$cpp || failed=1; .ci/slowest < $(BUILD)/ctest.log; [ -z "$$failed" ]
 endif
 
 test-realtime: build  ## the few tests that are about real time, one after the other on a quiet computer; each states its margin, none is retried
