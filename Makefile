@@ -49,8 +49,8 @@ run: setup  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the d
 
 # Test modules run longest first, by what each took last time; each stays with one worker, whose fixtures it shares.
 # Bytecode is kept also where the environment forbids it: pytest's own of the tests takes six seconds in every worker.
-# A worker waits half of its time for daemons, pages and shells, so three workers a core keep the cores busy.
-PYTEST = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $$(($(JOBS) * 3)) \
+# A worker waits half of its time for daemons, pages and shells, so five workers for two cores keep them busy.
+PYTEST = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $$(($(JOBS) * 5 / 2)) \
   --dist loadfile --no-loadscope-reorder --durations 10 --durations-min 1
 ONLY ?=
 ifdef ONLY
@@ -80,7 +80,7 @@ readmes: build  ## the commands of all texts that need no board and take minutes
 	@.ci/setup extras
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -rs $(EXTRA_TESTS)
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -vv --durations 0 tests/e2e/test_long_commands.py tests/e2e/test_auto_boards.py \
-	  tests/e2e/test_demo_boards.py tests/e2e/test_view_calibration.py
+	  tests/e2e/test_demo_boards.py tests/e2e/test_readme_blocks.py tests/e2e/test_view_calibration.py
 
 lint: lint-docs lint-python lint-page lint-cpp werror  ## spelling, formatters, linters, types, and a build where warnings are errors
 

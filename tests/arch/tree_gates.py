@@ -197,10 +197,16 @@ def missing_includes(root: Path) -> list[str]:
 
 
 @functools.cache
+def _parsed(text: str) -> ast.Module:
+    """Not to be changed: every gate that reads the same text gets the same tree."""
+    return ast.parse(text)
+
+
+@functools.cache
 def _imports(text: str) -> tuple[str, ...]:
     """What a source imports, in its order."""
     names: list[str] = []
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(_parsed(text)):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
@@ -339,7 +345,7 @@ def stage_names(root: Path) -> list[str]:
     known = {name for row in names for name in row if name} - {"log"}  # a log of touches, more often than the program
     programs = {REST, *re.findall(r'\bProgram\(\s*"(\w+)"', text)}
     trees = {
-        path: ast.parse(_text(path))
+        path: _parsed(_text(path))
         for path in _sources(root, "host/ruffini/")
         if path.suffix == ".py" and not path.is_relative_to(host / "estimators")
     }
@@ -494,7 +500,7 @@ def raw_results(root: Path) -> list[str]:
         return []
     bodies = re.findall(rf"^message (?:{RESULT_MESSAGES}) {{(.*?)^}}", _text(schema), re.S | re.M)
     named = re.findall(r"^  (?:repeated )?\w+ (\w+) = \d+;", "".join(bodies), re.M)
-    trees = {path: ast.parse(_text(path)) for path in _sources(root, "host/ruffini/") if path.suffix == ".py"}
+    trees = {path: _parsed(_text(path)) for path in _sources(root, "host/ruffini/") if path.suffix == ".py"}
     # Settings and rows of the core have some fields of the same name.
     others = {
         node.target.id

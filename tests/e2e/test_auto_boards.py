@@ -25,9 +25,9 @@ from ruffini.rig.program import PROGRAMS
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
 
-SLOW = {"eltac"}  # half a second a picture of a tube: a minute of processor time
+ALWAYS = {"gelslim", "ftouch", "digit-tactile"}  # a field by a stage, a wrench by a person, a gel without markers
 BOARDS = [
-    pytest.param(name, marks=pytest.mark.long if name in SLOW else ())
+    pytest.param(name, marks=() if name in ALWAYS else pytest.mark.long)
     for name in sorted(path.parent.name for path in (ROOT / "boards").glob("*/board.toml"))
 ]
 COARSE = "cells_x = 10\ncells_y = 8"

@@ -1,4 +1,4 @@
-"""`ruffini demo` and `ruffini view --demo` on every board with a twin: `make readmes`; one of them always.
+"""`ruffini demo` and `ruffini view --demo` on every board with a twin: `make readmes`; `make run` is gelslim's.
 
 Calibrations are fitted as on a person's computer, and kept in the tests' own cache.
 """
@@ -20,7 +20,6 @@ from test_bad_input import HOST
 from ruffini.boards import find_board
 
 TWINS = sorted(path.parent.name for path in (ROOT / "boards").glob("*/twin.toml"))
-QUICK = "digit-tactile"  # of the boards that are fitted on a bench, the one with the shortest
 LIMIT_S = 600  # two minutes on a quiet computer
 VALID = 1
 
@@ -33,7 +32,8 @@ def pictures_of(name: str) -> set[str]:
     return {f"{kind}.png" for kind in (first, depth, "wrench") if kind}
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n == QUICK else pytest.mark.long) for n in TWINS])
+@pytest.mark.long
+@pytest.mark.parametrize("name", TWINS)
 def test_the_first_picture_of_every_board_is_one_command(name: str, tmp_path: Path) -> None:
     command = [*HOST, "demo", "--board", name, "--out", str(tmp_path / "run"), "--json"]
     pipes = {"capture_output": True, "text": True, "check": False}

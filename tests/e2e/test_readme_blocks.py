@@ -100,6 +100,7 @@ def test_what_is_named_as_not_run_is_still_shown() -> None:
     assert NOT_RUN.keys() - shown == set()
 
 
+@pytest.mark.long
 def test_the_page_with_a_simulated_pad_as_its_readme_opens_it(page: Page, tmp_path: Path) -> None:
     """But for the browser, which this opens itself."""
     (line,) = [x for b in blocks(ROOT / "host/page/README.md", "console") for x in b.splitlines() if "--demo" in x]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.bench import video_presses
 from ruffini.boards import find_board
@@ -23,7 +24,11 @@ def unit() -> TwinUnit:
     board = find_board("gelsight-wedge")
     twin = load_twin(board)
     mesh = twin.mesh.model_copy(update={"cells_x": 14, "cells_y": 11})
-    return TwinUnit.build(board, twin=twin.model_copy(update={"mesh": mesh, "sensor": None}))
+    return kept(TwinUnit.build, board, twin=twin.model_copy(update={"mesh": mesh, "sensor": None}))
+
+
+def twin_film(unit: TwinUnit) -> video_presses.Film:
+    return kept(video_presses.twin_film, unit, BALL_MM, (250, 240), MOST_N)
 
 
 def made(change, noise=0.0, block=0.0) -> video_presses.Film:
@@ -51,7 +56,7 @@ def test_statistics_of_a_film_with_known_ones():
 
 def test_a_twins_film_is_recognised_and_another_place_is_not(unit, tmp_path):
     mask = video_presses.gel_mask(unit.board)
-    film = video_presses.twin_film(unit, BALL_MM, (250, 240), MOST_N)
+    film = twin_film(unit)
     at = video_presses.contact_px(video_presses.change_at_most(film), mask)
     assert np.hypot(at[0] - 250, at[1] - 240) < 12
     found = video_presses.compare(film, unit, BALL_MM, mask)
@@ -64,7 +69,7 @@ def test_a_twins_film_is_recognised_and_another_place_is_not(unit, tmp_path):
 
 
 def test_a_folder_of_videos_is_read_to_its_largest_force_and_judged(unit, tmp_path):
-    film = video_presses.twin_film(unit, BALL_MM, (250, 240), MOST_N)
+    film = twin_film(unit)
     out = cv2.VideoWriter(str(tmp_path / "ball_0.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
     load = [*film.force, 0.0, 0.0]  # and open again
     for i in range(len(load)):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 from typer.testing import CliRunner
 
 from ruffini.boards import find_board
@@ -87,7 +88,7 @@ def test_the_verb_takes_the_camera(
     camera: container.CalibrationFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "balls"
-    record_balls(TwinUnit.build(BOARD), 3, folder, ball_mm=2 * RADIUS_MM, seed=5)
+    record_balls(kept(TwinUnit.build, BOARD), 3, folder, ball_mm=2 * RADIUS_MM, seed=5)
     container.write(tmp_path / "camera", camera)
     words = [
         "cal",
