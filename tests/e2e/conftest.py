@@ -44,7 +44,7 @@ def chrome() -> Iterator[Browser]:
 @pytest.fixture
 def page(chrome: Browser) -> Iterator[Page]:
     """A page in which no script fails, and which asks nobody but this computer."""
-    page = chrome.new_page(viewport={"width": 1200, "height": 900})
+    page = chrome.new_page(viewport={"width": 800, "height": 600})
     page.set_default_timeout(1e3 * HANG_S)
     faults: list[str] = []
     page.on("pageerror", lambda error: faults.append(str(error)))
