@@ -27,7 +27,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels bench profile oracle aarch64 wheel deb arm64 vm pi board fresh clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels bench profile oracle aarch64 wheel deb arm64 vm pi board fresh version release clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -219,6 +219,13 @@ board: build  ## deb, arm64, pi and vm in one, the packages side by side (needs 
 	@.ci/setup vm
 	@.ci/setup aarch64
 	@.ci/board $(JOBS)
+
+NEW ?=
+version:  ## NEW=X.Y.Z: that version in every file that states it
+	@.ci/release version '$(NEW)'
+
+release:  ## from a tagged commit: wheels, packages, source archive and checksums in build/release (needs root, 13 GB)
+	@.ci/release make
 
 fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)
 	@.ci/fresh '$(SUITE)'

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from kept import kept
 
+import ruffini
+
 ROOT = Path(__file__).parents[3]
 # WRENCH of 1 mN that presses, from proto/vectors: "wrench and how sure it is".
 VECTORS = ROOT / "proto" / "vectors" / "frames.txt"
@@ -97,7 +99,7 @@ def test_a_compiler_finds_it_with_pkg_config(prefix: Path, tmp_path: Path) -> No
     run("c++", "-std=c++17", "main.cpp", "-o", "newtons", *flags, cwd=tmp_path)
     assert says(tmp_path / "newtons") == "-0.0010 N\n"
     version = run("pkg-config", "--modversion", "ruffini_client", cwd=tmp_path, PKG_CONFIG_PATH=where)
-    assert version.strip() == "0.1.0"
+    assert version.strip() == ruffini.__version__
 
 
 def test_pkg_config_finds_a_multiarch_installation(tmp_path: Path) -> None:
