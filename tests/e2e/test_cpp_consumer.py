@@ -235,8 +235,8 @@ def test_it_goes_on_where_the_line_was_lost(sensor: Sensor, tmp_path: Path) -> N
         with guard("the end"):
             said, notes = example.stdout.read(), example.stderr.read()
         assert example.wait(HANG_S) == 0, notes
-    assert notes.count("the line was lost") == 1
-    assert notes.count("0001, no calibration") == 2
+    n_lost = notes.count("the line was lost")  # once more on a computer that has no time for it: 3 s without STATUS
+    assert 1 <= n_lost == notes.count("0001, no calibration") - 1
     assert len(said.splitlines()) >= 299
 
 
