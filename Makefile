@@ -66,7 +66,7 @@ else
 test: build
 	@.ci/setup browser
 	@npm --prefix host/page --silent test
-	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) > $(BUILD)/ctest.log 2>&1 & cpp=$$!; failed=; \
+	@nice ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) > $(BUILD)/ctest.log 2>&1 & cpp=$$!; failed=; \
 	  $(PYTEST) tests || failed=1; wait $$cpp || failed=1; .ci/slowest < $(BUILD)/ctest.log; [ -z "$$failed" ]
 endif
 
