@@ -66,7 +66,8 @@ else
 test: build
 	@.ci/setup browser
 	@npm --prefix host/page --silent test
-	@nice ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) > $(BUILD)/ctest.log 2>&1 & cpp=$$!; failed=; \
+	@set -m; nice ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) > $(BUILD)/ctest.log 2>&1 & cpp=$$!; set +m; failed=; \
+	  trap 'kill -INT -- -$$cpp 2> /dev/null || true' EXIT; trap 'exit 130' INT TERM; \
 	  $(PYTEST) tests || failed=1; wait $$cpp || failed=1; .ci/slowest < $(BUILD)/ctest.log; [ -z "$$failed" ]
 endif
 
@@ -224,7 +225,7 @@ NEW ?=
 version:  ## NEW=X.Y.Z: that version in every file that states it
 	@.ci/release version '$(NEW)'
 
-release:  ## from a tagged commit: wheels, packages, source archive and checksums in build/release (needs root, 13 GB)
+release: setup  ## from a tagged commit: wheels, packages, source archive and checksums in build/release (needs root, 13 GB)
 	@.ci/release make
 
 fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)

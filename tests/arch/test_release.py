@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 from importlib.machinery import SourceFileLoader
@@ -16,20 +17,27 @@ release = module_from_spec(spec_from_loader("release", LOADER))
 LOADER.exec_module(release)
 
 MADE_BY_STUBS = """
-wheel: ; mkdir -p build/wheel && echo wheel > build/wheel/ruffini-7.8.9-py3-none-linux_x86_64.whl
+wheel: ; test "$$RUFFINI_RELEASE" = 1 && mkdir -p build/wheel && \\
+  echo wheel > build/wheel/ruffini-7.8.9-py3-none-linux_x86_64.whl
 deb: ; mkdir -p build/deb && echo deb > build/deb/ruffini_7.8.9_amd64.deb
 arm64: ; mkdir -p build/deb-arm64 build/wheel-aarch64 && echo deb > build/deb-arm64/ruffini_7.8.9_arm64.deb && \
   echo wheel > build/wheel-aarch64/ruffini-7.8.9-py3-none-linux_aarch64.whl
 """
 
 
+# Neither a hook's repository nor a person's settings.
+NAMES = ("GIT_AUTHOR_NAME", "GIT_AUTHOR_EMAIL", "GIT_COMMITTER_NAME", "GIT_COMMITTER_EMAIL")
+ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+ENVIRONMENT |= {"GIT_CONFIG_GLOBAL": "/dev/null", "GIT_CONFIG_NOSYSTEM": "1"} | dict.fromkeys(NAMES, "test")
+
+
 def git(root: Path, *words: str) -> None:
-    identity = ["-c", "user.name=test", "-c", "user.email=test@localhost"]
-    subprocess.run(["git", "-C", str(root), *identity, *words], check=True, capture_output=True)
+    subprocess.run(["git", "-C", str(root), *words], check=True, capture_output=True, env=ENVIRONMENT)
 
 
 def run(root: Path, *words: str) -> tuple[int, str]:
-    done = subprocess.run([str(root / ".ci/release"), *words], capture_output=True, text=True, check=False)
+    command = [str(root / ".ci/release"), *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=ENVIRONMENT)
     return done.returncode, done.stderr
 
 
@@ -92,11 +100,22 @@ def test_a_release_is_all_that_was_made_with_its_checksums(checkout: Path) -> No
     ]  # fmt: skip
     subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=out, check=True, capture_output=True)
     assert len((out / "SHA256SUMS").read_text().splitlines()) == 5
+    assert (out.parent / "changes.md").read_text() == "All.\n"
     listed = subprocess.run(["tar", "tf", "ruffini-7.8.9.tar.gz"], cwd=out, capture_output=True, text=True, check=True)
     assert "ruffini-7.8.9/CMakeLists.txt" in listed.stdout.splitlines()
-    (checkout / "Makefile").write_text(MADE_BY_STUBS.replace("> build/deb/", "> build/wheel/"))
-    git(checkout, "commit", "-am", "no package any more")
+
+
+@pytest.mark.parametrize(
+    ("stubs", "sentence"),
+    [
+        (MADE_BY_STUBS.replace("> build/deb/", "> build/wheel/"), "build/deb/*.deb: nothing was made"),
+        (MADE_BY_STUBS.replace("deb: ;", "deb: ; false &&"), "make deb failed: see above; nothing in build/release is"),
+    ],
+)
+def test_a_part_that_is_not_made_ends_it(checkout: Path, stubs: str, sentence: str) -> None:
+    (checkout / "Makefile").write_text(stubs)
+    git(checkout, "commit", "-am", "spoilt")
     git(checkout, "tag", "-f", "v7.8.9")
-    shutil.rmtree(checkout / "build")
     code, text = run(checkout, "make")
-    assert (code, "build/deb/*.deb: nothing was made" in text) == (1, True)
+    assert (code, sentence in text) == (1, True)
+    assert not (checkout / "build/release/SHA256SUMS").exists()

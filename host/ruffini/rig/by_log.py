@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
 from ruffini.rig.bench import Person
-from ruffini.rig.clock import ClockFit, fit_curved
+from ruffini.rig.clock import MIN_CORRELATION, ClockFit, fit_curved
 from ruffini.rig.csv_log import read_csv_log
 from ruffini.rig.cutting import Cut, cut, tare_of
 from ruffini.rig.found import estimate
@@ -31,7 +31,8 @@ Array = npt.NDArray[np.float64]
 CHUNK_S = 5.0
 COARSE_S = 0.01
 MIN_OVERLAP_S = 3.0
-MOST_ALIKE = 0.9999  # rounding makes no correlation surer than that
+MOST_ALIKE = 0.999  # a single press that happens to fit is no surer than that
+OTHER_S, OTHER_PART = 1.0, 0.6  # a shift so far from the best one, and what it may explain of what the best one does
 
 
 class Joined(NamedTuple):
@@ -52,8 +53,8 @@ def record(stream: StreamWatch, person: Person, log: LogWriter, session: str) ->
         stream.take()  # of before the record
         for number in itertools.count():
             is_last = stop.wait(CHUNK_S)
-            write_whole(log.side_file(f"stream-{number:04d}.npz"), packed(stream.take(), session))
             try:
+                write_whole(log.side_file(f"stream-{number:04d}.npz"), packed(stream.take(), session))
                 stream.latest()
             except RuffiniError as error:
                 failed.append(error)
@@ -64,7 +65,8 @@ def record(stream: StreamWatch, person: Person, log: LogWriter, session: str) ->
     thread = threading.Thread(target=keep, name="keep the stream", daemon=True)
     thread.start()
     try:
-        person.confirm("start the other program, press and let go at least six times, a second each, stop it")
+        person.confirm("start the other program, press and let go at least six times, a second each, with different "
+                       "forces and pauses, stop it")  # fmt: skip
     finally:
         stop.set()
         thread.join()
@@ -115,7 +117,7 @@ def align(stream_s: Array, stream_signal: Array, log_s: Array, log_n: Array) -> 
     Raises
     ------
     InputError
-        As `fit_curved`.
+        As `fit_curved`, or the presses fit in two ways.
     """
     rough_s = _rough_shift(stream_s, stream_signal, log_s, log_n)
     fit = fit_curved(stream_s + rough_s, stream_signal, log_s, log_n)
@@ -125,8 +127,14 @@ def align(stream_s: Array, stream_signal: Array, log_s: Array, log_n: Array) -> 
 def _rough_shift(stream_s: Array, signal: Array, log_s: Array, force_n: Array) -> float:
     """Shift, in steps of 10 ms, that best explains one record by the other where they overlap.
 
-    For a correlation r over n samples, the log-likelihood gained over unrelated records is -n/2 log(1 - r^2). The
-    largest r alone is no measure: where only one press overlaps, almost any two presses are alike.
+    For a correlation r over n samples, the log-likelihood gained over one of r_0 is n/2 log((1 - r_0^2) / (1 - r^2)).
+    Neither r nor n alone is a measure: where only one press overlaps, any two presses are alike, and presses in even
+    time are somewhat alike at many shifts; r_0 is therefore the least correlation that `fit_clock` accepts.
+
+    Raises
+    ------
+    InputError
+        Another shift explains them nearly as well.
     """
     from scipy.signal import correlate
 
@@ -137,9 +145,16 @@ def _rough_shift(stream_s: Array, signal: Array, log_s: Array, force_n: Array) -
     energy = correlate(b**2, ones_a, method="fft") * correlate(ones_b, a**2, method="fft")
     alike = correlate(b, a, method="fft") / np.sqrt(np.maximum(energy, 1e-12 * max(float(energy.max()), 1e-30)))
     alike[overlap < min(MIN_OVERLAP_S / COARSE_S, 0.5 * min(len(a), len(b)))] = 0
-    gained = -overlap * np.log1p(-(np.clip(alike, 0, MOST_ALIKE) ** 2))
-    lag = int(gained.argmax()) - (len(a) - 1)
-    return float(log_s[0] + lag * COARSE_S - stream_s[0])
+    gained = overlap * np.log((1 - MIN_CORRELATION**2) / (1 - np.clip(alike, 0, MOST_ALIKE) ** 2))
+    best = int(gained.argmax())
+    is_other = abs(np.arange(len(gained)) - best) * COARSE_S > OTHER_S
+    if gained[best] > 0 and gained[is_other].max(initial=0.0) > OTHER_PART * gained[best]:
+        other = int(np.where(is_other, gained, -np.inf).argmax())
+        raise InputError(
+            f"the presses of the CSV fit the sensor's in two ways, {abs(best - other) * COARSE_S:.1f} s apart: record "
+            "again, both from before the first press to after the last, with different forces and pauses"
+        )
+    return float(log_s[0] + (best - (len(a) - 1)) * COARSE_S - stream_s[0])
 
 
 def _activity(window: Window) -> Array:

@@ -30,7 +30,8 @@ HESITATES = 0.6  # of the step before, each time that it has to turn back
 WEIGHT_STEP_M = 1e-4  # a frame, at most, that a weight sinks in
 SETTLED = 0.01  # of its weight is not carried yet
 LOAD_FRAMES = 60  # of the twin's camera: a computer that is busy with other things sees a part of them
-SOME_PRESSES_N, PAUSE_S = (0.6, 1.1, 0.8, 1.4, 0.5, 1.0, 0.7, 1.2), 0.8
+SOME_PRESSES_N, HOLD_S = (0.6, 1.1, 0.8, 1.4, 0.5, 1.0, 0.7, 1.2), 0.8
+PAUSES_S = (0.8, 1.4, 0.6, 1.1, 2.0, 0.7, 1.6, 0.9)  # before each
 PATIENCE_S = 120.0
 POLL_S = 0.01
 REACTION_S = 0.2
@@ -76,12 +77,12 @@ class EmulatedPerson:
         if not self.is_obedient:
             raise RefusedError(f"stopped by a key at {text!r}")
         if "press and let go" in text:
-            for force_n in SOME_PRESSES_N:
-                host_clock.sleep(PAUSE_S)
+            for pause_s, force_n in zip(PAUSES_S, SOME_PRESSES_N, strict=True):
+                host_clock.sleep(pause_s)
                 self._carry(force_n, (1e-3 * force_n, -5e-4))
-                host_clock.sleep(PAUSE_S)
+                host_clock.sleep(HOLD_S)
                 self._carry(None, None)
-            host_clock.sleep(PAUSE_S)
+            host_clock.sleep(PAUSES_S[0])
             return
         put = PUT.match(text)
         self._carry(1e-3 * float(put[1]) * GRAVITY_M_S2 if put else None, _place_in(text) if put else None)

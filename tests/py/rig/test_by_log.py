@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -108,19 +111,53 @@ def test_a_sensor_without_force_is_joined_by_its_markers():
         _activity(window._replace(markers=[]))
 
 
+def train(t, starts, sizes):
+    return sum(s * np.clip(np.minimum(t - a, a + 1.4 - t) / 0.3, 0, 1) for a, s in zip(starts, sizes, strict=True))
+
+
 def test_many_presses_that_are_nearly_alike_outweigh_one_that_is_exactly():
     """The stream's forces are off by up to a fifth, and its first press looks exactly like the log's last."""
-    starts, width_s = np.array([2.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 27.0]), 1.4
+    starts = np.array([2.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 27.0])
     log_n, stream_n = [0.6, 1.1, 0.8, 1.4, 0.5, 1.0, 0.7, 1.2], [0.7, 1.0, 0.95, 1.2, 0.6, 0.85, 0.85, 1.2]
 
-    def shown(t, sizes):
-        return sum(
-            s * np.clip(np.minimum(t - a, a + width_s - t) / 0.3, 0, 1) for a, s in zip(starts, sizes, strict=True)
-        )
-
     stream_s, log_s = np.arange(0, 31, 0.1), np.arange(-0.5, 31, 0.1)
-    fit = align(40 + stream_s, -shown(stream_s, stream_n), OFFSET_S + log_s, shown(log_s, log_n))
+    fit = align(40 + stream_s, -train(stream_s, starts, stream_n), OFFSET_S + log_s, train(log_s, starts, log_n))
     assert fit.offset_s == pytest.approx(OFFSET_S - 40, abs=0.01)
+
+
+def test_presses_that_fit_in_two_ways_are_refused():
+    """As like as a metronome's, and the log holds three of eight."""
+    t, starts = np.arange(0, 28, 0.05), 2.0 + 3.0 * np.arange(8)
+    force = train(t, starts, [1.0] * 8)
+    part = (t > 9.5) & (t < 19.5)
+    with pytest.raises(InputError, match=r"in two ways, 3\.0 s apart: record again, .* different forces and pauses"):
+        align(40 + t, -force, OFFSET_S + t[part], force[part])
+
+
+def test_a_log_of_other_presses_besides_is_placed_right_or_refused():
+    """It began after the stream did and ended later: half of the presses are in both."""
+    n_placed = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        starts, sizes = 2 + np.cumsum(rng.uniform(2.4, 2.6, 12)), rng.uniform(0.5, 1.4, 12)
+        stream_s, log_s = np.arange(0, starts[7] + 2, 1 / 30), np.arange(starts[4] - 0.6, starts[-1] + 3, 0.01)
+        seen = train(stream_s, starts, sizes * rng.normal(1, 0.05, 12))
+        with contextlib.suppress(InputError):
+            fit = align(40 + stream_s, -seen, OFFSET_S + log_s, train(log_s, starts, sizes))
+            assert fit.offset_s == pytest.approx(OFFSET_S - 40, abs=0.2)
+            n_placed += 1
+    assert n_placed >= 8
+
+
+def test_a_disk_that_is_full_ends_the_record(tmp_path, monkeypatch):
+    def full(path, _):
+        raise InputError(f"{path}: no space left")
+
+    monkeypatch.setattr("ruffini.rig.by_log.write_whole", full)
+    empty = Window([], [], [], [], [], [])
+    watch = SimpleNamespace(take=lambda: empty, latest=lambda: None)
+    with pytest.raises(InputError, match="no space left"):
+        record(watch, SimpleNamespace(confirm=lambda _: None), LogWriter(tmp_path / "log.h5", {}), "run")
 
 
 def test_a_touch_with_a_fault_is_left_out_and_named(log, tmp_path):
