@@ -13,7 +13,7 @@ constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spa
 constexpr int kLinkPollMs = 2;
 constexpr uint64_t kBoardHealthUs = 1'000'000;  // interval of reading the board's health
 constexpr uint64_t kDrainUs = 20'000'000;       // for a reader that accepts nothing after a recording's end
-constexpr uint64_t kQuietUs = 100'000;  // a tty that appears empty may still get data from the kernel
+constexpr uint64_t kQuietUs = 100'000;          // a tty that appears empty may still get data from the kernel
 constexpr auto kReopenPause = std::chrono::milliseconds(10);  // short, so that a host that returns does not wait
 
 }  // namespace
