@@ -66,9 +66,9 @@ else
 test: build
 	@.ci/setup browser
 	@npm --prefix host/page --silent test
-	@set -m; nice ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) > $(BUILD)/ctest.log 2>&1 & cpp=$$!; set +m; failed=; \
+	@set -m; nice .ci/ctest $(BUILD) $(JOBS) & cpp=$$!; set +m; failed=; \
 	  trap 'kill -INT -- -$$cpp 2> /dev/null || true' EXIT; trap 'exit 130' INT TERM; \
-	  $(PYTEST) tests || failed=1; wait $$cpp || failed=1; .ci/slowest < $(BUILD)/ctest.log; [ -z "$$failed" ]
+	  $(PYTEST) tests || failed=1; wait $$cpp || failed=1; [ -z "$$failed" ]
 endif
 
 test-realtime: build  ## the few tests that are about real time, one after the other on a quiet computer; each states its margin, none is retried

@@ -77,17 +77,22 @@ def test_what_is_no_release_is_refused_in_one_sentence_each(checkout: Path) -> N
     path = checkout / "host/pyproject.toml"
     path.write_text(path.read_text().replace("7.8.9", "7.8.8"))
     (checkout / "CHANGELOG.md").write_text("# Changelog\n\n## 7.8.9 (in preparation)\n")
+    (checkout / "host/ruffini/left_over.py").touch()
+    git(checkout, "config", "status.showUntrackedFiles", "no")
     git(checkout, "tag", "-d", "v7.8.9")
     code, text = run(checkout, "make")
     assert code == 1
     for sentence in (
         "host/pyproject.toml states 7.8.8 and host/ruffini/version.py 7.8.9: run make version",
         'CHANGELOG.md begins with "7.8.9 (in preparation)": close the section as "7.8.9 (YYYY-MM-DD)"',
-        "2 files are not committed",
+        "3 files are not committed",
         "no tag v7.8.9: git tag -s v7.8.9",
     ):
         assert sentence in text
     assert not (checkout / "build").exists()
+    git(checkout, "tag", "v7.8.9", "HEAD")
+    git(checkout, "commit", "-am", "after it")
+    assert "no tag v7.8.9" in run(checkout, "check")[1], "of another commit"
     assert run(checkout, "version", "7.8") == (2, "release: '7.8' is no version: make version NEW=X.Y.Z\n")
 
 

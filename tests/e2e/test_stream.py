@@ -17,7 +17,7 @@ from tiny_sensor import MILLI_CELSIUS, N_FRAMES, N_REST, Sensor, start
 from ruffini.daemon import find_daemon
 from ruffini.device import Connection, Field, Wrench
 from ruffini.device.results import NOT_MEASURED, VALID
-from ruffini.errors import NoDeviceError, RefusedError
+from ruffini.errors import LineLostError, NoDeviceError, RefusedError
 from ruffini.wire import Decoder, Schema, encode_message
 
 EVERYTHING = {"wrench": 1, "field": 1, "depth": 1, "contacts": 1, "markers": 1, "image": 1}
@@ -254,6 +254,21 @@ def test_sigterm_ends_it_cleanly_within_a_second(sensor: Sensor, tmp_path: Path)
         daemon.process.send_signal(signal.SIGTERM)
         assert daemon.process.wait(HANG_S) == 0
         assert time.monotonic() - began < 1
+
+
+@pytest.mark.realtime
+def test_a_reader_that_stands_still_loses_nothing_of_a_recording(sensor: Sensor, tmp_path: Path) -> None:
+    """The daemon waits 20 s for it: the margin is fivefold."""
+    with start(sensor, tmp_path, "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        host.subscribe(**EVERYTHING)
+        got = []
+        with contextlib.suppress(LineLostError):  # it has ended
+            for frame, message in host.stream(timeout_s=HANG_S):
+                if host.schema.type_name(frame.type) == "WRENCH":
+                    got.append(message.stamp.frame)
+                    if len(got) == 10:
+                        time.sleep(4)
+    assert got == list(range(N_FRAMES))
 
 
 def test_a_calibration_swapped_while_streaming_never_shows_a_force_of_another_table(

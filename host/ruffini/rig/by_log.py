@@ -146,10 +146,12 @@ def _rough_shift(stream_s: Array, signal: Array, log_s: Array, force_n: Array) -
     alike = correlate(b, a, method="fft") / np.sqrt(np.maximum(energy, 1e-12 * max(float(energy.max()), 1e-30)))
     alike[overlap < min(MIN_OVERLAP_S / COARSE_S, 0.5 * min(len(a), len(b)))] = 0
     gained = overlap * np.log((1 - MIN_CORRELATION**2) / (1 - np.clip(alike, 0, MOST_ALIKE) ** 2))
+    if gained.max() <= 0:  # nothing alike enough: `fit_clock` judges the most alike, and says so
+        return float(log_s[0] + (int(alike.argmax()) - (len(a) - 1)) * COARSE_S - stream_s[0])
     best = int(gained.argmax())
-    is_other = abs(np.arange(len(gained)) - best) * COARSE_S > OTHER_S
-    if gained[best] > 0 and gained[is_other].max(initial=0.0) > OTHER_PART * gained[best]:
-        other = int(np.where(is_other, gained, -np.inf).argmax())
+    gained_by_others = np.where(abs(np.arange(len(gained)) - best) * COARSE_S > OTHER_S, gained, 0.0)
+    other = int(gained_by_others.argmax())
+    if gained_by_others[other] > OTHER_PART * gained[best]:
         raise InputError(
             f"the presses of the CSV fit the sensor's in two ways, {abs(best - other) * COARSE_S:.1f} s apart: record "
             "again, both from before the first press to after the last, with different forces and pauses"

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ruffini.errors import InputError
+from ruffini.errors import InputError, NoDeviceError
 from ruffini.rig.by_log import align, join, record
 from ruffini.rig.found import on_reference_clock
 from ruffini.rig.log_file import LogWriter, read_log
@@ -119,7 +119,6 @@ def test_many_presses_that_are_nearly_alike_outweigh_one_that_is_exactly():
     """The stream's forces are off by up to a fifth, and its first press looks exactly like the log's last."""
     starts = np.array([2.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 27.0])
     log_n, stream_n = [0.6, 1.1, 0.8, 1.4, 0.5, 1.0, 0.7, 1.2], [0.7, 1.0, 0.95, 1.2, 0.6, 0.85, 0.85, 1.2]
-
     stream_s, log_s = np.arange(0, 31, 0.1), np.arange(-0.5, 31, 0.1)
     fit = align(40 + stream_s, -train(stream_s, starts, stream_n), OFFSET_S + log_s, train(log_s, starts, log_n))
     assert fit.offset_s == pytest.approx(OFFSET_S - 40, abs=0.01)
@@ -132,6 +131,13 @@ def test_presses_that_fit_in_two_ways_are_refused():
     part = (t > 9.5) & (t < 19.5)
     with pytest.raises(InputError, match=r"in two ways, 3\.0 s apart: record again, .* different forces and pauses"):
         align(40 + t, -force, OFFSET_S + t[part], force[part])
+
+
+def test_a_log_of_another_recording_does_not_show_the_same():
+    t = np.arange(0, 28, 0.05)
+    of_stream, of_log = train(t, [2.0, 9.0, 12.0, 20.0], [1.0, 0.6, 1.3, 0.9]), np.clip(np.sin(t), 0, None)
+    with pytest.raises(InputError, match="the reference does not show what the stream shows"):
+        align(40 + t, -of_stream, OFFSET_S + t, of_log)
 
 
 def test_a_log_of_other_presses_besides_is_placed_right_or_refused():
@@ -149,15 +155,34 @@ def test_a_log_of_other_presses_besides_is_placed_right_or_refused():
     assert n_placed >= 8
 
 
-def test_a_disk_that_is_full_ends_the_record(tmp_path, monkeypatch):
+def recorded(tmp_path, latest=lambda: None) -> LogWriter:
+    """What is kept while a person presses: the stream has a window of before, and one of the presses."""
+    before, presses = stream().between(0, 41), stream().between(41, 99)
+    log, windows = LogWriter(tmp_path / "log.h5", {"program": "log"}), iter([before, presses])
+    watch = SimpleNamespace(take=lambda: next(windows), latest=latest)
+    record(watch, SimpleNamespace(confirm=lambda _: None), log, "run")
+    return log
+
+
+def test_a_record_begins_when_the_person_does(tmp_path):
+    (chunk,) = recorded(tmp_path).side_file("").glob("*.npz")
+    read_window(chunk, window := Window([], [], [], [], [], []))
+    assert [f.frame for f in window.frames] == [f.frame for f in stream().between(41, 99).frames]
+
+
+def test_a_disk_that_is_full_or_a_line_that_is_lost_ends_the_record(tmp_path, monkeypatch):
+    def lost():
+        raise NoDeviceError("the line was lost")
+
     def full(path, _):
         raise InputError(f"{path}: no space left")
 
+    with pytest.raises(NoDeviceError, match="the line was lost"):
+        recorded(tmp_path / "a", lost)
+    assert len(list((tmp_path / "a").rglob("stream-0000.npz"))) == 1, "what came before it is kept"
     monkeypatch.setattr("ruffini.rig.by_log.write_whole", full)
-    empty = Window([], [], [], [], [], [])
-    watch = SimpleNamespace(take=lambda: empty, latest=lambda: None)
     with pytest.raises(InputError, match="no space left"):
-        record(watch, SimpleNamespace(confirm=lambda _: None), LogWriter(tmp_path / "log.h5", {}), "run")
+        recorded(tmp_path / "b")
 
 
 def test_a_touch_with_a_fault_is_left_out_and_named(log, tmp_path):
