@@ -161,6 +161,7 @@ hostile: build  ## own hostile cases, SIMULATED: camera faults and more; writes 
 GELS ?=
 gels: build  ## force of gels without markers by `ruffini cal auto`, SIMULATED; writes their rows in docs/results/accuracy.md. GELS='--board ninedtact'
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/gels.py --table docs/results/accuracy.md $(GELS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/new_unit.py --out out/new_unit --table docs/results/accuracy.md
 
 DATA ?= $(RUFFINI_RECORDED_DATA)
 real: build  ## one table and a page of what was measured on recordings of real sensors in DATA=FOLDER, with peers on the same rows

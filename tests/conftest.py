@@ -11,12 +11,17 @@ import random
 import signal
 import sys
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import pytest
+from hang import HANG_S
 from kept import cache_folder
+
+from ruffini.api.sensor import Sensor
+from ruffini.device import Connection, connection, ports
 
 COSTS = "module_seconds.json"
 _seconds: dict[str, float] = defaultdict(float)
@@ -65,6 +70,23 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         known = getattr(config, "workerinput", {}).get("module_seconds", _known())
         names.sort(key=lambda name: (-known.get(name, len(modules[name])), name))
     items[:] = [item for name in names for item in modules[name]]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _patient_host() -> Iterator[None]:
+    """On a busy computer a kernel moves what was written to a pseudo-terminal when it comes to it, and a daemon answers
+    and sends frames when it has its turn: what waits in a process of the tests waits as long as any guard.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ports, "WRITE_TIMEOUT_S", HANG_S)
+        patch.setattr(Connection.__init__, "__kwdefaults__", {"hello_timeout_s": connection.BUSY_HELLO_S})
+        n_tries = int(HANG_S / connection.REPLY_TIMEOUT_S)
+        patch.setattr(Connection.command, "__kwdefaults__", {"waits_s": (connection.REPLY_TIMEOUT_S,) * n_tries})
+        patch.setattr(connection, "SILENCE_S", HANG_S)  # for modules that are imported later
+        for module in ("api.sensor", "record.mcap_file", "view.scale_calibration", "device.zeroing"):
+            patch.setattr(f"ruffini.{module}.SILENCE_S", HANG_S)
+        patch.setattr(Sensor.read, "__defaults__", (HANG_S,))
+        yield
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

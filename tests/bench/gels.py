@@ -14,6 +14,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -102,22 +103,22 @@ def of_fewer(board: Board, log: Path) -> list[float | None]:
     return [row.get("normal_n") for row in rows]
 
 
-def with_row(text: str, row: str) -> str:
-    """The document with the row in its section's table, in place of the same board's.
+def with_row(text: str, row: str, section: str = SECTION, columns: Sequence[str] = COLUMNS) -> str:
+    """The document with the row in its section's table, in place of the one with the same first cell.
 
     Raises
     ------
     InputError
-        It has no such section, or the section no table of COLUMNS.
+        It has no such section, or the section no table of these columns.
     """
     lines = text.splitlines()
-    head = f"| {' | '.join(COLUMNS)} |"
-    if SECTION not in lines or head not in lines[lines.index(SECTION) :]:
-        raise InputError(f"the document has no section {SECTION!r} with a table {head!r}: add them")
-    first = lines.index(head, lines.index(SECTION)) + 2  # after the line of dashes
+    head = f"| {' | '.join(columns)} |"
+    if section not in lines or head not in lines[lines.index(section) :]:
+        raise InputError(f"the document has no section {section!r} with a table {head!r}: add them")
+    first = lines.index(head, lines.index(section)) + 2  # after the line of dashes
     end = next((i for i in range(first, len(lines)) if not lines[i].startswith("|")), len(lines))
-    board = row.split(" | ")[0]
-    place = next((i for i in range(first, end) if lines[i].split(" | ")[0] == board), None)
+    name = row.split(" | ")[0]
+    place = next((i for i in range(first, end) if lines[i].split(" | ")[0] == name), None)
     lines[slice(end, end) if place is None else slice(place, place + 1)] = [row]
     return "\n".join(lines) + "\n"
 

@@ -11,25 +11,11 @@ from hang import HANG_S
 from tiny_sensor import Sensor, make_sensor
 from tiny_twin import Twin, make_twin, slowed
 
-from ruffini.device import Connection, ports
-from ruffini.device.connection import BUSY_HELLO_S
-
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 
 LOCAL = re.compile(r"(https?|wss?)://(127\.0\.0\.1|localhost)[:/]|blob:|data:|file:")
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _patient_ports() -> Iterator[None]:
-    """The kernel of a busy computer moves what was written to a pseudo-terminal when it comes to it; a daemon that just
-    put a calibration in force answers after it.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ports, "WRITE_TIMEOUT_S", HANG_S)
-        patch.setattr(Connection.__init__, "__kwdefaults__", {"hello_timeout_s": BUSY_HELLO_S})
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -43,7 +43,12 @@ def fit(
         ),
     ] = None,
     fleet: Annotated[
-        Path | None, typer.Option("--prior", help="File of `cal fleet`: what units are like, for stage material.")
+        Path | None,
+        typer.Option(
+            "--prior",
+            help="What other units are like, for few presses: file of `cal fleet` (stage material), or a calibration "
+            "that was fitted to their logs (stage wrench).",
+        ),
     ] = None,
     balls: Annotated[Path | None, typer.Option(help="Ball presses, as of `cal fit --only photometric`.")] = None,
     given: Annotated[
@@ -95,14 +100,16 @@ def fit(
     found = container.board_of(before, board) if before is not None else find_board(board) if board else None
     if found is None and (command is None or command.needs_board):
         raise InputError("no board: give --board, or --previous with a calibration of it")
+    is_calibration = fleet is not None and fleet.suffix == ".safetensors"
     if fleet is not None and found is not None:
-        need_prior_stage(found, only, frozenset(skip or []))
+        need_prior_stage(found, only, frozenset(skip or []), is_calibration=is_calibration)
     job = Job(
         found, paths, before, [keys.read_verified(path) for path in given or []], balls,
-        None if fleet is None or found is None else read_prior(fleet, found), is_finite=strain == "finite",
+        None if fleet is None or found is None or is_calibration else read_prior(fleet, found),
+        keys.read_verified(fleet) if fleet is not None and is_calibration else None, is_finite=strain == "finite",
         n_error_touches=touches, points=points, baseline_mm=baseline_mm, pattern=pattern, only=only, options=options,
     )  # fmt: skip
-    for file in job.parts:
+    for file in [*job.parts, *([job.other_units] if job.other_units else [])]:
         container.check_board(file, job.board)
     if only is not None and found is not None and not BY_NAME[only].is_used(found):
         note(f"the stages of board {found.name!r} do not use what stage {only} makes")

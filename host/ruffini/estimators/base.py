@@ -38,6 +38,7 @@ class Estimator:
     kinds: ClassVar[tuple[str, ...]] = ()  # of a calibration file that it makes; the first one is its own
     is_reported: ClassVar[bool] = False  # a file with `kinds[0]` is judged by `report`
     fits_from_prior: ClassVar[bool] = False  # `fit` begins with a fleet's numbers
+    fits_from_calibration: ClassVar[bool] = False  # `fit` begins with a calibration of other units
     takes_prior: ClassVar[bool] = False  # `report` begins its fits of fewer presses with a fleet's numbers
     needed: ClassVar[tuple[str, ...]] = ()  # kinds of `kinds` that nothing stands in for if a fit leaves it out
     task: ClassVar[Task | Turned | None] = None  # of any board (`task_of`)

@@ -44,21 +44,26 @@ def applying(board: Board) -> tuple[Estimator, ...]:
     return tuple(estimator for estimator in ESTIMATORS if estimator.applies(board))
 
 
-def need_prior_stage(board: Board, only: str | None, skip: frozenset[str]) -> None:
-    """Refuse a fleet's numbers where no stage of a fit begins with them.
+def need_prior_stage(board: Board, only: str | None, skip: frozenset[str], *, is_calibration: bool) -> None:
+    """Refuse a fleet's numbers, or a calibration of other units, where no stage of a fit begins with them.
 
     Raises
     ------
     InputError
         The board, `only` or `skip` leaves out every stage that does.
     """
+
+    def takes(stage: Estimator) -> bool:
+        return stage.fits_from_calibration if is_calibration else stage.fits_from_prior
+
     stages = applying(board) if only is None else (BY_NAME[only],)
-    if any(stage.fits_from_prior and stage.name not in skip for stage in stages):
+    if any(takes(stage) and stage.name not in skip for stage in stages):
         return
-    names = ", ".join(stage.name for stage in ESTIMATORS if stage.fits_from_prior)
+    names = ", ".join(stage.name for stage in ESTIMATORS if takes(stage))
+    what = "a calibration of other units" if is_calibration else "the numbers of a fleet's pads"
     raise InputError(
-        f"--prior: only stage {names} begins with the numbers of a fleet's pads, and this fit of board "
-        f"{board.name!r} does not run it: leave the option out"
+        f"--prior: only stage {names} begins with {what}, and this fit of board {board.name!r} does not run it: leave "
+        "the option out"
     )
 
 

@@ -107,6 +107,21 @@ def test_fit_refuses_a_prior_that_no_stage_uses(run: Run, tmp_path, board, words
     assert f"only stage material begins with the numbers of a fleet's pads, and this fit of board {board!r}" in error
 
 
+def test_fit_takes_a_calibration_of_other_units_where_forces_come_from_features(run: Run, tmp_path):
+    prior = tmp_path / "others.safetensors"
+    for board in ("gelslim", "digit-tactile"):
+        container.write(prior, container.pack({"wrench.shift": np.ones(6, np.uint8)},
+                                              container.base_metadata(find_board(board))))  # fmt: skip
+        code, _, error = run("cal", "fit", tmp_path / "log.h5", "--board", board, "--out", tmp_path / "cal",
+                             "--prior", prior)  # fmt: skip
+        assert code == 2
+        assert ("only stage wrench begins with a calibration of other units" in error) == (board == "gelslim")
+    code, _, error = run("cal", "fit", tmp_path / "log.h5", "--board", "ninedtact", "--out", tmp_path / "cal",
+                         "--prior", prior)  # fmt: skip
+    assert code == 4
+    assert "digit-tactile" in error
+
+
 def test_report_says_in_json_and_exit_code_that_gates_fail(files: Files, run: Run, tmp_path):
     log = small_log(files, tmp_path / "log.h5")
     page = tmp_path / "report.html"

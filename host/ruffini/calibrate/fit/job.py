@@ -55,6 +55,7 @@ class Job:
     )  # of `cal fit --only camera`, `cal fit --only photometric`
     balls: Path | None = None
     fleet: Prior | None = None
+    other_units: CalibrationFile | None = None  # fitted to logs of other units of this board
     is_finite: bool = False
     n_error_touches: int = 0
     points: Path | None = None  # known points of a tube's lens

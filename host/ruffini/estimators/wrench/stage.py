@@ -22,13 +22,14 @@ from ruffini.estimators.contact_model.stage import CONTACT
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.softness.model import Softness, fit_softness, gel_pa_of, grid_of
 from ruffini.estimators.task import Task
+from ruffini.estimators.wrench.adapt import adapt
 from ruffini.estimators.wrench.command import COMMAND, WrenchOptions
 from ruffini.estimators.wrench.fit import FEW, N_FOLDS, Fit, fit_wrench_map
 from ruffini.estimators.wrench.log import FeatureRun, Features, features_of, read_feature_runs
 from ruffini.estimators.wrench.marker_prior import marker_prior
 from ruffini.estimators.wrench.model import AXES, frames_of, recordings_of
 from ruffini.estimators.wrench.report import wrench_report_of, wrench_table, write_wrench_page
-from ruffini.estimators.wrench.tables import tables
+from ruffini.estimators.wrench.tables import map_in, tables
 from ruffini.estimators.wrench.target_geometry import second_order_of
 from ruffini.estimators.wrench.task import PRESSES, TASK
 from ruffini.estimators.wrench.terms import Bend
@@ -116,6 +117,7 @@ class WrenchEstimator(Estimator):
     kinds = ("wrench", "softness")  # of squeezes in the same videos
     is_reported = True
     needed = ("wrench",)
+    fits_from_calibration = True
     task = TASK
 
     def is_used(self, board: Board) -> bool:
@@ -134,9 +136,12 @@ class WrenchEstimator(Estimator):
         holdout = "recording" if len(set(recordings_of(runs))) >= N_FOLDS else "touch"
         mechanics: Mechanics = {"bend": second_order_of(job.board), "prior": marker_prior(job.board)}
         features = features_of(job.board)
-        # The change of a picture is not in proportion to the normal force: slopes on either side of a dent cancel.
-        fit = fit_wrench_map(runs, holdout=holdout, nonlinear=features.grid is not None, grid=features.grid,
-                             **mechanics)  # fmt: skip
+        if job.other_units is not None:
+            fit = adapt(runs, map_in(job.other_units))
+        else:
+            # The change of a picture is not in proportion to the normal force: slopes either side of a dent cancel.
+            fit = fit_wrench_map(runs, holdout=holdout, nonlinear=features.grid is not None, grid=features.grid,
+                                 **mechanics)  # fmt: skip
         tensors, metadata = tables(fit, features)
         job.tensors |= tensors
         job.metadata |= metadata
@@ -146,9 +151,8 @@ class WrenchEstimator(Estimator):
         said = (
             f"RMSE on {fit.left_out} left out, N and N mm: {errors}; {fit.n_frames} frames of {fit.n_runs} recordings"
         )
-        return Outcome(
-            "fitted", said, {**fit.report(), "accuracy_of_presses": _of_fewer(runs, holdout, fit, mechanics)}
-        )
+        fewer = [] if job.other_units is not None else _of_fewer(runs, holdout, fit, mechanics)
+        return Outcome("fitted", said, {**fit.report(), "accuracy_of_presses": fewer}, remarks=tuple(fit.checks))
 
     def fit_alone(self, job: Job, options: WrenchOptions, progress: Progress) -> Outcome:
         """Fit to named columns, to videos beside a load cell, or to features and reference as `fit` does."""
