@@ -61,8 +61,13 @@ def state_of(page: Evaluates) -> dict[str, Any]:
     return page.evaluate("JSON.parse(JSON.stringify(window.__state ?? {lines: []}))")  # type: ignore[no-any-return]
 
 
-def wait_for(page: Evaluates, what: str, accept: Callable[[dict[str, Any]], bool]) -> Any:
-    """The page's state, once it is accepted."""
+def wait_for(
+    page: Evaluates,
+    what: str,
+    accept: Callable[[Any], bool],
+    state_of: Callable[[Evaluates], Any] = state_of,
+) -> Any:
+    """The page's state, or that part of it which `state_of` reads, once it is accepted."""
     patience = Patience()
     while not patience.is_over():
         state = state_of(page)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import Evaluates, sensor_of, state_of, viewer, wait_for
+from browser import LOOK_MS, Evaluates, sensor_of, viewer, wait_for
 from playwright.sync_api import Page
 from test_bench_file import Desk
 from test_kitchen_scale import STIFFER, Truth
@@ -35,20 +35,22 @@ SETTLED_FRAMES = 5
 BALL_MM = 6.0  # of `Desk`
 MOST_ROUNDS = 3  # of presses after the first
 JUDGED = ((70.0, "x +1.5, y -1.0 mm"), (110.0, "x -2.0, y +1.5 mm"), (160.0, "x +0.5, y +0.5 mm"))  # never fitted
+GUIDE = "JSON.parse(JSON.stringify([window.__state?.lines[0]?.guide ?? null, window.__state?.notice ?? '']))"
 PICTURES = os.environ.get("RUFFINI_PICTURES", "")  # folder for a picture of each step, for a person to look at
 
 
 def step_of(page: Evaluates) -> dict[str, Any]:
-    """What the page shows of the calibration, and what it asks."""
-    guide = state_of(page)["lines"][0].get("guide") or {"step": {"phase": ""}}
-    return {**guide, **guide["step"]}
+    """What the page shows of the calibration, what it asks, and its notice."""
+    guide, notice = page.evaluate(GUIDE)
+    guide = guide or {"step": {"phase": ""}}
+    return {**guide, **guide["step"], "notice": notice}
 
 
 def choose(page: Page, label: str) -> None:
     """Press a button, and wait for what follows."""
     number = step_of(page)["number"]
     page.click(f".guide .choices button:text-is('{label}')")
-    wait_for(page, f"what follows {label!r}", lambda _: step_of(page)["number"] > number)
+    wait_for(page, f"what follows {label!r}", lambda s: s["number"] > number, step_of)
 
 
 def follow(
@@ -57,8 +59,8 @@ def follow(
     """Do what the page says until it is no press any more, or `is_enough` of what it shows."""
     answered, said = 0, ""
     while (step := step_of(page))["phase"] in ("press", "work"):
-        page.wait_for_timeout(20)
-        assert "No reply" not in state_of(page)["notice"]
+        page.wait_for_timeout(LOOK_MS)
+        assert "No reply" not in step["notice"]
         if is_enough(step):
             return
         if step["phase"] == "work" or (step["said"] == said and not step["asked"]):
@@ -145,7 +147,7 @@ def ask(page: Page, address: str) -> None:
     page.goto(address)
     wait_for(page, "the button", lambda _: page.is_visible("nav button:text-is('Calibrate')"))
     page.keyboard.press("n")
-    wait_for(page, "the offer", lambda _: step_of(page)["phase"] == "offer")
+    wait_for(page, "the offer", lambda s: s["phase"] == "offer", step_of)
     picture(page, "offer")
 
 
@@ -184,11 +186,11 @@ def test_from_the_button_to_newtons_and_back(
             wait_for(page, "the report", lambda _: "Passes its gates" in (report.text_content("body") or ""))
             assert report.evaluate("document.images.length") >= 2
             choose(page, "Flash it")
-            wait_for(page, "the end", lambda _: step_of(page)["phase"] == "flashed")
+            wait_for(page, "the end", lambda s: s["phase"] == "flashed", step_of)
             picture(page, "flashed")
             after = force_errors(desk, page, person, truth)
             choose(page, "Undo")
-            wait_for(page, "the end", lambda _: step_of(page)["said"] == "Undone")
+            wait_for(page, "the end", lambda s: s["said"] == "Undone", step_of)
             picture(page, "undone")
             undone = force_errors(desk, page, person, truth)
             choose(page, "Close")
@@ -228,7 +230,7 @@ def test_a_gel_without_markers_gives_newtons_after_twenty_presses(
         follow(page, person, heard)
         passed = step_of(page)
         choose(page, "Flash it")
-        wait_for(page, "the end", lambda _: step_of(page)["phase"] == "flashed")
+        wait_for(page, "the end", lambda s: s["phase"] == "flashed", step_of)
         after = force_errors(desk, page, person, truth)
     print(f"the force that the page shows is off the truth by {100 * np.abs(after).mean():.1f} %")
     assert passed["said"] == "Passes its gates"
@@ -263,7 +265,7 @@ def test_whatever_ends_it_the_presses_stay_and_are_gone_on_with(
                 (("5000", "3"), "5000 g is a press of 49.0 N, more than the 10 N"),
             ):
                 fill(page, *wrong)
-                wait_for(page, sentence, lambda _, s=sentence: s in step_of(page)["text"])  # type: ignore[misc]
+                wait_for(page, sentence, lambda step, s=sentence: s in step["text"], step_of)  # type: ignore[misc]
                 assert page.input_value(".guide input[name=grams]") == wrong[0]
             assert not (tmp_path / "calibrations").exists()
             fill(page, "60, 90", "3")
@@ -271,17 +273,17 @@ def test_whatever_ends_it_the_presses_stay_and_are_gone_on_with(
             assert page.context.browser is not None
             other = page.context.browser.new_page()
             other.goto(address)
-            wait_for(other, "the question", lambda _: step_of(other)["asked"])
+            wait_for(other, "the question", lambda s: s["asked"], step_of)
             assert "until the scale shows about 90 g" in step_of(other)["said"]
             other.click(".guide .stop")
-            wait_for(page, "the stop", lambda _: step_of(page)["phase"] == "ended")
+            wait_for(page, "the stop", lambda s: s["phase"] == "ended", step_of)
             assert "stopped from the page: what was collected is kept" in step_of(page)["text"]
             page.reload()
-            wait_for(page, "the same step", lambda _: step_of(page)["phase"] == "ended")
+            wait_for(page, "the same step", lambda s: s["phase"] == "ended", step_of)
             choose(other, "Continue")
             follow(page, person, heard, is_enough=lambda step: step["nDone"] == 2 and step["asked"] > 0)
             os.kill(daemons[0].pid, signal.SIGKILL)
-            wait_for(page, "the loss", lambda _: step_of(page)["phase"] == "ended")
+            wait_for(page, "the loss", lambda s: s["phase"] == "ended", step_of)
             picture(page, "lost")
             lost = step_of(page)["text"]
             other.close()

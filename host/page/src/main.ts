@@ -200,8 +200,19 @@ function publish(): void {
 
 function stateOf(strand: Strand): object {
   const { line, hello, nDrawn, firstFrameMs, guide, latest, panels } = strand;
-  const sensors = Object.fromEntries([...panels].map(([id, panel]) => [id, stateOfPanel(panel)]));
-  return { port: line.port, serial: hello?.serial, firmware: hello?.firmware, nDrawn, firstFrameMs, guide: guide?.latest, health: latest.health, status: latest.status, sensors };
+  return {
+    port: line.port,
+    serial: hello?.serial,
+    firmware: hello?.firmware,
+    nDrawn,
+    firstFrameMs,
+    guide: guide?.latest,
+    health: latest.health,
+    status: latest.status,
+    get sensors() {
+      return Object.fromEntries([...panels].map(([id, panel]) => [id, stateOfPanel(panel)]));
+    },
+  };
 }
 
 function stateOfPanel({ info, latest, maps, charts, field }: Panel): object {
