@@ -1,8 +1,12 @@
 """A new unit's wrench from few presses: the map of other units of the same sensor, times this unit's stiffness.
 
-Pads of one mould differ most in how stiff they are: every axis i of the prior map, a calibration that was fitted to
-logs of other units, is multiplied by g_i = sum(p y) / sum(p^2), p its wrench and y the reference of the new unit at the
-time of the frame.
+Pads of one mould differ most in how stiff they are: each axis of the prior map, a calibration that was fitted to logs
+of other units, is multiplied by a gain g. A touch tells g_k = sum(p y) / sum(p^2), p the prior's wrench and y the
+reference at the time of each of its frames; n touches of variance s^2 tell, with gains of units that spread by t
+about 1,
+
+    g = (mean(g_k) n / s^2 + 1 / t^2) / (n / s^2 + 1 / t^2).
+
 Units here: N and N mm.
 """
 
@@ -14,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
-from ruffini.estimators.wrench.fit import ONE_SIGMA, Fit
+from ruffini.estimators.material.prior import OF_NEXT_GEL
+from ruffini.estimators.wrench.fit import LOADED_PART, ONE_SIGMA, Fit
 from ruffini.estimators.wrench.log import FeatureRun
 from ruffini.estimators.wrench.model import AXES, Frames, WrenchMap, frames_of, recordings_of
 from ruffini.estimators.wrench.terms import mean_abs, rms
@@ -22,7 +27,9 @@ from ruffini.estimators.wrench.terms import mean_abs, rms
 Array = npt.NDArray[np.float64]
 
 LEAST_TOUCHES = 3  # two tell a gain, and a third whether it holds
-LEAST_GAIN, MOST_GAIN = 0.5, 2.0  # pads of one mould differ by a tenth or two
+SPREAD = OF_NEXT_GEL[0]  # t: of the modulus of gels from one mould
+LEAST_SPREAD = 0.05  # s: few touches that agree by chance tell no more than that
+LEAST_GAIN, MOST_GAIN = 0.5, 2.0
 LEAST_R2 = 0.3  # of the wrench's variance, on touches left out
 
 
@@ -43,15 +50,16 @@ def adapt(runs: list[FeatureRun], prior: WrenchMap) -> Fit:
         raise InputError(f"--prior: the log numbers {len(touches)} touches, and {LEAST_TOUCHES} are needed: press more "
                          "often")  # fmt: skip
     said = prior.predicted(frames)
-    is_told = (prior.full > 0) & (np.abs(frames.wrench).max(axis=0) > 0) & (np.abs(said).max(axis=0) > 0)
+    by_touch = np.array([_of_touch(said[of], frames.wrench[of], prior.full) for of in frames.touch == touches[:, None]])
+    is_told = np.isfinite(by_touch).sum(axis=0) >= LEAST_TOUCHES
     if not is_told.any():
-        raise InputError("--prior: the log loads none of the axes that this calibration measures")
+        raise InputError(f"--prior: fewer than {LEAST_TOUCHES} touches load an axis that this calibration measures")
     errors = np.zeros_like(said)
-    for touch in touches:
+    for i, touch in enumerate(touches):
         left = frames.touch == touch
-        gain = np.where(is_told, _gain(said[~left], frames.wrench[~left]), 1.0)
+        gain = _gain(np.delete(by_touch, i, axis=0), is_told)
         errors[left] = (gain * said[left] - frames.wrench[left]) * is_told
-    gain = np.where(is_told, _gain(said, frames.wrench), 0.0)
+    gain = _gain(by_touch, is_told)
     spread = np.maximum(frames.wrench.std(axis=0), 1e-12)
     r2 = np.where(is_told, 1 - (rms(errors) / spread) ** 2, 0.0)
     for i in np.flatnonzero(is_told):
@@ -70,8 +78,20 @@ def adapt(runs: list[FeatureRun], prior: WrenchMap) -> Fit:
     )  # fmt: skip
 
 
-def _gain(said: Array, wrench: Array) -> Array:
-    return np.asarray((said * wrench).sum(axis=0) / np.maximum((said**2).sum(axis=0), 1e-12))
+def _of_touch(said: Array, wrench: Array, full: Array) -> Array:
+    """The gain (6,) that one touch tells; NaN of an axis that it hardly loads."""
+    is_loaded = (full > 0) & (np.abs(said).max(axis=0) > LOADED_PART * full) & (wrench != 0).any(axis=0)
+    return np.where(is_loaded, (said * wrench).sum(axis=0) / np.maximum((said**2).sum(axis=0), 1e-12), np.nan)
+
+
+def _gain(by_touch: Array, is_told: npt.NDArray[np.bool_]) -> Array:
+    """The gain (6,) of touches' gains (n, 6); 0 of an axis that is not told."""
+    out = np.zeros(6)
+    for i in np.flatnonzero(is_told):
+        told = by_touch[np.isfinite(by_touch[:, i]), i]
+        precision = len(told) / max(float(told.var(ddof=1)), LEAST_SPREAD**2)
+        out[i] = (told.mean() * precision + SPREAD**-2) / (precision + SPREAD**-2)
+    return out
 
 
 def _times(prior: WrenchMap, gain: Array) -> WrenchMap:
