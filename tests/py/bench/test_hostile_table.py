@@ -28,40 +28,61 @@ PLATE = Row("gelslim", "plates", tried=8, right=7, wrong=1, worst_n=0.344, n_goo
 
 
 def lines(path: Path) -> list[str]:
-    return [line for line in path.read_text().splitlines() if line.startswith("| ") and "---" not in line][1:]
+    """The runs and the rows below them, without the dividers."""
+    return [line for line in path.read_text().splitlines() if line.startswith(("| ", "Seeds ")) and "---" not in line]
 
 
 def test_seeds_of_one_commit_add_up(tmp_path: Path) -> None:
     path = tmp_path / "hostile.md"
     table.add(path, "pictures", PLATE, 7, WHAT, RUN)
     table.add(path, "pictures", PLATE._replace(right=8, wrong=0, worst_n=0.0), 9, WHAT, RUN)
-    assert lines(path) == ["| gelslim | plates | 16 | 15 | 1 | 0.344 N | 4 of 10 | 7, 9 | 12345678 | 2026-01-02 |"]
+    assert lines(path) == [
+        "Seeds 7, 9; commit 12345678; 2026-01-02:",
+        "| family | gelslim |",
+        "| plates | 1/16; 4/10; 0.344 N |",
+    ]
 
 
 def test_the_same_seed_counts_once(tmp_path: Path) -> None:
     path = tmp_path / "hostile.md"
     for seed in (7, 9, 7):
         table.add(path, "pictures", PLATE, seed, WHAT, RUN)
-    assert lines(path) == ["| gelslim | plates | 16 | 14 | 2 | 0.344 N | 4 of 10 | 7, 9 | 12345678 | 2026-01-02 |"]
+    assert lines(path)[0] == "Seeds 7, 9; commit 12345678; 2026-01-02:"
+    assert lines(path)[2:] == ["| plates | 2/16; 4/10; 0.344 N |"]
 
 
 def test_runs_of_changed_files_do_not_add_up(tmp_path: Path) -> None:
     path, changed = tmp_path / "hostile.md", replace(RUN, commit="12345678" + table.CHANGED)
     for seed in (7, 9):
         table.add(path, "pictures", PLATE, seed, WHAT, changed)
-    assert [line.split(" | ")[7:9] for line in lines(path)] == [["9", "12345678 changed"]]
+    assert lines(path)[0] == "Seeds 9; commit 12345678 changed; 2026-01-02:"
+    assert lines(path)[2:] == ["| plates | 1/8; 2/5; 0.344 N |"]
 
 
-def test_another_commit_replaces_its_row_and_no_other(tmp_path: Path) -> None:
+def test_another_commit_replaces_its_cell_and_no_other(tmp_path: Path) -> None:
     path = tmp_path / "hostile.md"
     other = Row("ftouch", "plates", tried=3, right=3, wrong=0)
-    for row in (PLATE, other):
+    for row in (PLATE, PLATE._replace(family="balls", worst_n=0.0, n_good=0), other):
         table.add(path, "pictures", row, 7, WHAT, RUN)
-    table.add(path, "stores", Row("", "cuts", tried=2, right=2, wrong=0), 7, WHAT, RUN)
+    table.add(path, "stores", Row("", "cuts", tried=2, right=1, wrong=1, worst_n=0.5), 7, WHAT, RUN)
+    assert lines(path)[1:4] == [
+        "| family | gelslim | ftouch |",
+        "| plates | 1/8; 2/5; 0.344 N | 0/3 |",
+        "| balls | 1/8 |  |",
+    ]
     table.add(path, "pictures", other, 8, WHAT, replace(RUN, commit="99999999", date="2026-01-03"))
-    assert lines(path)[0] == "| gelslim | plates | 8 | 7 | 1 | 0.344 N | 2 of 5 | 7 | 12345678 | 2026-01-02 |"
-    assert lines(path)[1] == "| ftouch | plates | 3 | 3 | 0 | - | - | 8 | 99999999 | 2026-01-03 |"
-    assert lines(path)[-1] == "| - | cuts | 2 | 2 | 0 | - | - | 7 | 12345678 | 2026-01-02 |"
+    assert lines(path) == [
+        "Seeds 7; commit 12345678; 2026-01-02:",
+        "| family | gelslim |",
+        "| plates | 1/8; 2/5; 0.344 N |",
+        "| balls | 1/8 |",
+        "Seeds 8; commit 99999999; 2026-01-03:",
+        "| family | ftouch |",
+        "| plates | 0/3 |",
+        "Seeds 7; commit 12345678; 2026-01-02:",
+        "| family | - |",
+        "| cuts | 1/2; -; 0.500 N |",
+    ]
 
 
 @pytest.mark.parametrize("is_quick", [False, True])
@@ -80,4 +101,4 @@ def test_only_full_runs_are_kept(
     assert "gelslim plates" in capsys.readouterr().out
     assert path.exists() is not is_quick
     if not is_quick:
-        assert [line.split(" | ")[0] for line in lines(path)] == ["| gelslim"]
+        assert lines(path)[1] == "| family | gelslim |"

@@ -1,4 +1,4 @@
-"""The rule of docs/how-to/use-forces-for-control.md: Python as printed, C++ as in the example, tables as firmware."""
+"""The rule of docs/how-to/use-forces-for-control.md: Python as printed, C++ in the example, tables as firmware."""
 
 from __future__ import annotations
 
@@ -97,5 +97,10 @@ def test_the_page_lists_every_flag_that_leaves_forces_other_than_invalid() -> No
     assert set(re.findall(r"FLAG_(\w+)", " ".join(rows))) == flags - invalid - {"STALE"}
 
 
-def test_the_cpp_of_the_page_is_that_of_the_example() -> None:
-    assert block("cpp") in (ROOT / "host" / "cpp" / "example" / "newtons.cpp").read_text()
+def test_the_example_in_cpp_names_the_bits_of_the_page() -> None:
+    example = (ROOT / "host" / "cpp" / "example" / "newtons.cpp").read_text()
+    rule = re.search(r"^bool is_usable\(.*?^}$", example, re.M | re.S)
+    assert rule is not None
+    listed = re.findall(r"HEALTH_(\w+)", " ".join(re.findall(r"^\| (HEALTH_.*?) \|", PAGE, re.M)))
+    assert re.findall(r"kHealth(\w+)", rule[0]) == [name.title().replace("_", "") for name in listed]
+    assert re.findall(r"kFlag(\w+)", rule[0]) == ["UncalibratedXy", "UncalibratedZ"]
