@@ -143,9 +143,9 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         {
             "firmware/core/stages.cpp": '{.name = "skin", .reads = {kDepth}, .reads_if_written = {}, '
             '.writes = {kSkin}, .amends = {}, .sections = "skin", .kind = "", .part_of = ""}',
-            "firmware/README.md": "| skin | | image/glow | touches |\n",
+            "firmware/README.md": "| skin | | | Skin | | skin | | |\n",
         },
-        "does not list the stage 'skin'",
+        "does not draw the stage 'skin'",
     ),
     (
         tree_gates.raw_results,
