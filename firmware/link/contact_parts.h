@@ -28,4 +28,11 @@ void encode_softness(const FrameState& state, const BoardSettings& board, ruffin
 
 [[nodiscard]] constexpr ruffini_Validity to_proto(Validity v) { return static_cast<ruffini_Validity>(v); }
 
+// For surfaces that measure force along their normal apart from that along them.
+inline void state_axes(const FrameState& s, ruffini_Contact& contact) {
+  contact.force_validity_count = 3;
+  contact.force_validity[0] = contact.force_validity[1] = to_proto(s.force.xy);
+  contact.force_validity[2] = to_proto(s.force.z);
+}
+
 }  // namespace ruffini

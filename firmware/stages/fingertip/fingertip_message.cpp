@@ -17,6 +17,7 @@ int32_t as_32(int64_t v) {
 void encode_tool(const FrameState& s, const BoardSettings& /*board*/, ruffini_Contacts& out) {
   const TipTouch& tip = s.tip;
   if (!tip.is_touched || out.contacts_count == 0) return;
+  state_axes(s, out.contacts[0]);
   out.contacts[0].has_tool = true;
   ruffini_ToolTouch& tool = out.contacts[0].tool;
   tool.tool_um_count = tool.normal_force_un_count = 3;

@@ -11,9 +11,7 @@ void encode_skin(const FrameState& s, const BoardSettings& board, ruffini_Contac
     const SkinTouch& touch = s.skin.touches.touch[i];
     ruffini_Contact& contact = out.contacts[i];
     contact.id = touch.id;
-    contact.force_validity_count = 3;
-    contact.force_validity[0] = contact.force_validity[1] = to_proto(s.force.xy);
-    contact.force_validity[2] = to_proto(s.force.z);
+    state_axes(s, contact);
     contact.has_skin = true;
     ruffini_SkinTouch& skin = contact.skin;
     skin.place_um_count = skin.normal_force_un_count = 3;

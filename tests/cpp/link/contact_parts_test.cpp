@@ -138,8 +138,13 @@ TEST(ContactParts, AToolsPlaceTurnAndHowSureTheyAreHaveTheirOwnFields) {
            .flat_area_sigma_um2 = 2'345'999,
            .sigma = {9'000, 11, 120, 130, 4'000, 5'000, 640'000},
            .axis_1e6 = {0, -600'000, 800'000}};
+  s.force = {.xy = Validity::kNotMeasured, .z = Validity::kValid};
   ruffini_Contacts sent = one_contact();
   encode_tool(s, BoardSettings{}, sent);
+  ASSERT_EQ(sent.contacts[0].force_validity_count, 3);
+  EXPECT_EQ(sent.contacts[0].force_validity[0], ruffini_Validity_VALIDITY_NOT_MEASURED) << "no force along the dome";
+  EXPECT_EQ(sent.contacts[0].force_validity[1], ruffini_Validity_VALIDITY_NOT_MEASURED);
+  EXPECT_EQ(sent.contacts[0].force_validity[2], ruffini_Validity_VALIDITY_VALID);
   ASSERT_TRUE(sent.contacts[0].has_tool);
   const ruffini_ToolTouch& said = sent.contacts[0].tool;
   EXPECT_EQ(said.flat_area_um2_k, 51'234u);
