@@ -1,6 +1,6 @@
 // Drift of lamps and exposure (image/light.h), corrected from the next frame on; the current frame has been compared
-// already. Runs if the calibration has kind `photometric` (colours become depth), and on boards with targets, whose
-// edges depend on the light.
+// already. Runs if the calibration has kind `photometric` (colours become depth), on boards with targets, whose edges
+// depend on the light, and on boards whose force follows from the change of the picture.
 #include <algorithm>
 #include <cstdlib>
 
@@ -20,6 +20,7 @@ class LightStage final : public Stage {
  public:
   explicit LightStage(const StageContext& c)
       : makes_slopes_(c.written.has(Slot::kSlope)),
+        has_features_(c.board.picture_features.cells.count() > 0 && c.written.has(Slot::kFeatures)),
         tracker_(c.board.camera.width_px, c.board.camera.height_px),
         rest_(c.rest),
         difference_(c.slots.read<Slot::kDifference>()),
@@ -33,7 +34,7 @@ class LightStage final : public Stage {
     has_colours_ = makes_slopes_;
     return Unit{};
   }
-  [[nodiscard]] bool writes(Slot /*slot*/) const override { return has_colours_ || has_targets(); }
+  [[nodiscard]] bool writes(Slot /*slot*/) const override { return has_colours_ || has_targets() || has_features_; }
 
   void learn(std::span<const uint16_t> rest) override {
     tracker_.learn(rest, has_colours_);
@@ -67,6 +68,7 @@ class LightStage final : public Stage {
   }
 
   bool makes_slopes_;
+  bool has_features_;
   bool has_colours_ = false;  // colours are converted to slopes or depth
   LightTracker tracker_;
   int n_drifting_ = 0;  // consecutive frames, up to kDriftFrames
