@@ -6,26 +6,35 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from test_auto_boards import coarse
 from tiny_twin import Twin
 
 from ruffini import host_clock
 from ruffini.cli import main
 from ruffini.daemon import running_daemon
 from ruffini.device import Connection
+from ruffini.errors import RefusedError
+from ruffini.estimators.contact_model.touches import presses_of_log
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
+from ruffini.rig.emulated_machine import EmulatedMachine
 from ruffini.rig.emulated_person import EmulatedPerson
 from ruffini.rig.emulated_references import EmulatedLogger, EmulatedPage, EmulatedTextCell, Mount
 from ruffini.rig.found import is_held
 from ruffini.rig.frame_clock import FrameClock
 from ruffini.rig.log_file import Log, read_log
+from ruffini.rig.program import Tool
 from ruffini.rig.twin_bench import ORIGIN, Hanging, Loader, build_twin_bench
 from ruffini.sim.indenters import Indenter
+from ruffini.sim.pose import Pose
+from ruffini.sim.units import build_unit
 
 LIMITS = """[limits]
 max_force_n = 5.0
@@ -43,9 +52,11 @@ GRAMS_A_NEWTON = 1e3 / 9.80665
 class Desk:
     """A sensor, whatever presses it, and a person at the terminal."""
 
-    def __init__(self, twin: Twin, folder: Path, loader: Loader, capsys: pytest.CaptureFixture[str]) -> None:
+    def __init__(
+        self, twin: Twin, folder: Path, loader: Loader, capsys: pytest.CaptureFixture[str], step: int = 1
+    ) -> None:
         self.twin, self.folder, self._capsys = twin, folder, capsys
-        self.clock = FrameClock(1e3 / twin.board.camera.rate_mhz)
+        self.clock = FrameClock(1e3 / twin.board.camera.rate_mhz, step=step)
         self.bench = build_twin_bench(
             twin.unit, Indenter("sphere", 0.003), loader, folder / "twin", 1, clock=self.clock
         )
@@ -104,11 +115,17 @@ def person(monkeypatch: pytest.MonkeyPatch) -> Iterator[EmulatedPerson]:
 
     def hear(text: str) -> None:
         asked, has_to_answer, _ = text.partition(", then press Enter")
-        (someone.confirm if has_to_answer else someone.say)(asked)
-        if has_to_answer:
+        if not has_to_answer:
+            return someone.say(asked)
+        try:
+            someone.confirm(asked)
+        except RefusedError:
+            os.write(writer, b"x")
+        else:
             os.write(writer, b"\n")
 
-    monkeypatch.setattr("ruffini.cli.collect.note", hear)
+    for verb in ("collect", "auto"):
+        monkeypatch.setattr(f"ruffini.cli.{verb}.note", hear)
     with os.fdopen(reader) as keyboard:
         monkeypatch.setattr(sys, "stdin", keyboard)
         yield someone
@@ -197,6 +214,134 @@ def test_a_csv_of_another_program(bench_twin: Twin, tmp_path, monkeypatch, capsy
     for touch in log.touches:
         truth = held(touch, "reference_wrench", "reference_s")
         assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(truth, rel=0.3)
+
+
+class Changed(Hanging):
+    """What a person mounts on the machine: each indenter ends elsewhere."""
+
+    length_m = 0.0
+
+    def load(self, wrench: np.ndarray) -> Pose | None:
+        place = self._machine.place().minus(ORIGIN)
+        depth_m = self.length_m - place.z_m
+        return Pose(place.x_m, place.y_m, depth_m) if depth_m > 0 else None
+
+
+MOUNT = re.compile(r"mount indenter (\w+) ")
+INDENTERS = """[[indenters]]
+name = "A1"
+shape = "flat"
+size_mm = 9.0
+shore_a = 80.0
+[[indenters]]
+name = "A2"
+shape = "square"
+size_mm = 11.0
+shore_a = 50.0
+[[indenters]]
+name = "B1"
+shape = "sphere"
+size_mm = 10.0
+shore_a = 80.0
+[[indenters]]
+name = "B2"
+shape = "sphere"
+size_mm = 11.0
+shore_a = 30.0
+"""
+LENGTHS_M = {"A1": 0.0, "A2": 9e-4, "B1": -6e-4, "B2": 3e-4}
+
+
+class GlitterDesk(Desk):
+    """contact-glitter with few elements, on a stage and six axes; a person mounts what they are told."""
+
+    def __init__(
+        self, folder: Path, machine: EmulatedMachine, page: EmulatedPage, person: EmulatedPerson,
+        capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    ) -> None:  # fmt: skip
+        unit = build_unit(coarse("contact-glitter", folder))
+        self.held = Changed(machine, unit, Indenter("sphere", 0.003))
+        self.told: list[str] = []
+        self.leaves_at = ""
+        monkeypatch.setattr(person, "confirm", self.mount)
+        super().__init__(Twin(unit, b""), folder, self.held, capsys, step=3)
+        origin = ", ".join(f"{1e3 * v:.3f}" for v in ORIGIN)
+        self.rig = f"""[reference]
+kind = "network"
+host = "127.0.0.1"
+port = {self.bench.cell.port}
+http_port = {page.server_port}
+full_scale = [20.0, 20.0, 20.0, 0.5, 0.5, 0.5]
+sigma = [0.005, 0.005, 0.005, 0.00005, 0.00005, 0.00005]
+[stage]
+kind = "marlin"
+port = "{machine.port}"
+origin_mm = [{origin}]
+{INDENTERS}[limits]
+max_force_n = 15.0
+half_x_mm = 4.0
+half_y_mm = 4.0
+top_mm = 2.0
+bottom_mm = -3.0
+deepest_mm = 1.7
+near_mm = 0.3
+"""
+
+    def mount(self, asked: str) -> None:
+        found = MOUNT.match(asked)
+        assert found is not None, asked
+        self.told.append(found[1])
+        if found[1] == self.leaves_at:
+            raise RefusedError("out for lunch")
+        (one,) = (row for row in tomllib.loads(INDENTERS)["indenters"] if row["name"] == found[1])
+        self.held.length_m = LENGTHS_M[found[1]]
+        self.bench.twin.mount(Tool(one["shape"], one["size_mm"] / 2e3, one["shore_a"]))
+
+
+@pytest.fixture
+def glitter(tmp_path, monkeypatch, capsys, person, slow_is_fine) -> Iterator[GlitterDesk]:
+    with EmulatedMarlin() as machine, EmulatedPage(0.8) as page:
+        desk = GlitterDesk(tmp_path, machine, page, person, capsys, monkeypatch)
+        with desk.running(), desk.bench.cell:
+            yield desk
+
+
+def test_a_person_mounts_indenters_leaves_and_goes_on(glitter: GlitterDesk, monkeypatch) -> None:
+    out = glitter.folder / "log.h5"
+    words = ("collect", "--out", out, "--program", "indenters", "--n", 2, "--depth-mm", 0.5)
+    glitter.leaves_at = "B1"
+    code, _, said = glitter.run(monkeypatch, glitter.rig, *words)
+    assert (code, "stopped by a key at 'mount indenter B1 (sphere of 10.0 mm, Shore A 80)" in said) == (4, True)
+    glitter.leaves_at = ""
+    code, text, said = glitter.run(monkeypatch, glitter.rig, *words)
+    assert code == 0, said
+    assert json.loads(text)["kept"] == 1
+    assert glitter.told == ["A1", "B1", "B1"]
+    log = read_log(out)
+    assert log.facts["tip"] is None
+    assert [one["name"] for one in log.facts["indenters"]] == list(LENGTHS_M)
+    for touch, name in zip(log.touches, ("A1", "B1"), strict=True):
+        assert touch.facts["tool"]["name"] == name
+        assert abs(touch.facts["contact_z_m"]) < 2.1e-4  # counted from where this indenter touched
+        assert np.ptp(touch.arrays["stage_place"][:, 2]) == pytest.approx(5e-4)
+        assert touch.arrays["reference_wrench"][:, 2].min() < -0.2
+    presses = presses_of_log(out, glitter.twin.board)
+    assert [(p.shape, p.radius_mm, p.shore_a) for p in presses] == [("flat", 4.5, 80), ("sphere", 5.0, 80)]
+
+
+@pytest.mark.long
+def test_auto_on_indenters_that_a_person_mounts(glitter: GlitterDesk, monkeypatch) -> None:
+    """Few elements and four indenters make no good contact model: its gates are waived, its figures looked at."""
+    out = glitter.folder / "auto"
+    code, text, said = glitter.run(monkeypatch, glitter.rig, "auto", "--quick", "--force", "--out", out)
+    assert code == 0, said
+    result = json.loads(text)
+    assert glitter.told == [*LENGTHS_M, *LENGTHS_M]  # fitted, then judged
+    assert (result["simulated"], result["after"]["against"], result["after"]["touches"]) == (False, "the reference", 6)
+    assert result["after"]["error"] < 10  # % of the largest normal force
+    assert (out / "report.html").exists()
+    with Connection(glitter.port) as sensor:
+        assert sensor.hello.sensors[0].calibration.sha256.hex() == result["sha256"]
 
 
 def test_auto_replaces_no_calibration_that_nobody_could_put_back(

@@ -172,16 +172,13 @@ def _real(
     settings = load_rig(path)
     if settings.stage is not None:
         settings.stage.rotary(board)  # refuses a stage that cannot press this board
-    if PROGRAMS[task.program].changes_tools:
-        raise InputError(
-            f"board {board.name!r} is fitted on indenters of many sizes and hardnesses, and `cal auto` does not know "
-            f"yet which ones your bench has: use `ruffini cal fit --only {task.name}`, or --rig sim"
-        )
+    tools = settings.tools(PROGRAMS[task.program])
+    task.check_tools(tools)
     if task.needs_ball and (settings.tip is None or settings.tip.shape != "sphere"):
         raise InputError(f"{path}: `cal auto` learns the colours from a ball: give [tip] shape = 'sphere', diameter_mm")
     if task.needs_points and points is None:
         raise InputError("the lens is fitted to known points: give --points FILE (CSV: x_px, y_px, z_mm)")
-    span = task.span(board, depth_m, shear_m, settings.limits.reach_m)
+    span = task.span(board, depth_m, shear_m, settings.limits.reach_m)._replace(tools=tools)
     flashed = folder / "flashed.txt"  # what this run put there: it may be stopped and go on
 
     @contextlib.contextmanager
@@ -200,6 +197,6 @@ def _real(
             limits = settings.limits.limits if PROGRAMS[program].is_by_stage else None
             yield Opened(stack.enter_context(ready_bench(parts, board, limits, key)), None)
 
-    tip = settings.tip
+    tip = None if tools else settings.tip
     shape = None if tip is None else {"shape": tip.shape, "radius_m": tip.diameter_mm / 2e3}
     return Site(opened, span, shape, False, points)

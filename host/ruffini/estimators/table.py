@@ -20,7 +20,7 @@ from ruffini.estimators.skin.stage import SKIN
 from ruffini.estimators.task import Task, Turned
 from ruffini.estimators.threshold.stage import THRESHOLD
 from ruffini.estimators.wrench.stage import WRENCH
-from ruffini.rig.program import PROGRAMS, Span, span_of
+from ruffini.rig.program import Span, span_of
 
 ESTIMATORS: tuple[Estimator, ...] = (
     CAMERA,
@@ -114,7 +114,7 @@ def how_calibrated(board: Board) -> str:
         As `task_of`.
     """
     task = task_of(board)
-    if isinstance(task, Turned) or PROGRAMS[task.program].changes_tools:
+    if isinstance(task, Turned):
         return f"by `ruffini cal fit --only {task.name}`"
     if task.scale_part is not None:
         return "with Calibrate in the page, or `ruffini cal auto`"

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate.fit.job import Outcome
 from ruffini.rig.log_file import Log, TouchRecord
-from ruffini.rig.program import Item, Span
+from ruffini.rig.program import Item, Span, Tool
 
 Array = npt.NDArray[np.float64]
 
@@ -62,6 +62,7 @@ class Task:
     needs_ball: bool = False  # a bench must press with one: the colours are learned from it
     scale_part: float | None = None  # of the span, for presses on a kitchen scale; None: those are not enough
     needs_points: bool = False  # known points of a tube's lens
+    check_tools: Callable[[Sequence[Tool]], None] = lambda _: None  # raises InputError if a bench's are too few
 
 
 class Turned(NamedTuple):

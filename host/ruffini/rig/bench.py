@@ -69,16 +69,33 @@ class Bench:
     session: str = ""
     longest_gap_s: float = LONGEST_GAP_S
     max_hold_s: float = MAX_HOLD_S
-    mount: Callable[[Tool], None] | None = None  # puts an indenter there; None: the person is asked
+    mount: Callable[[Tool], None] | None = None  # mounts an indenter; None: the person is asked
+    mounted: Tool | None = None  # by it
     drift: Array = field(default_factory=lambda: np.zeros(6))  # of the reference, since it was first tared
     guide: Guide = field(default_factory=Guide)  # its current step, for the page
 
-    def put_on(self, tool: Tool) -> None:
-        """Mount another indenter on the stage; raises RefusedError if the person declines."""
+    def put_on(self, tool: Tool) -> bool:
+        """Have an indenter mounted with the tip up; False if it was. Where it ends, the next approach finds.
+
+        Raises
+        ------
+        RefusedError
+            The person declined, or nobody answers; the reference is not steady afterwards.
+        """
+        if tool == self.mounted:
+            return False
+        stage = self.need_stage()
+        if self.mounted is None:
+            self.reference.tare()  # untared it could stop the way up
+        stage.go_above(0.0, 0.0)
         if self.mount is not None:
             self.mount(tool)
         else:
-            self.person.confirm(f"put on: {tool.told()}")
+            self.person.confirm(f"mount indenter {tool.told()}, and take your hands off")
+        self.mounted = tool
+        self.reference.tare_change(TARE_S)  # it may hang on the reference
+        stage.change_tip()
+        return True
 
     def need_stage(self) -> GuardedStage:
         """The stage; raises InputError if the bench has none."""

@@ -78,8 +78,13 @@ class GuardedStage:
         self.stage, self.limits = stage, limits
         self._origin, self._fresh_force_of = origin, fresh_force_of or force_of
         self._guards = [force_guard("the reference", force_of, limits.max_force_n), *guards]
-        self.surface = ContactSurface()
+        self.surface, self._is_tip_known = ContactSurface(), True
         self.free_until_s = 0.0  # host_clock.now() until which nothing touched, in the last approach
+
+    def change_tip(self) -> None:
+        """Another tip is mounted, of a length that is not known: the next approach is slow all the way down, and
+        heights count from where it touches."""
+        self.surface, self._is_tip_known = ContactSurface(), False
 
     def place(self) -> Place:
         """Position of the tip."""
@@ -111,7 +116,7 @@ class GuardedStage:
                                "tare the reference, and look what hangs on it")  # fmt: skip
         known_m = self.surface.expected(x_m, y_m)
         near_m = self.limits.near_m if known_m is None else known_m + NEAR_M + APPROACH_STEP_M
-        z_m = min(self.limits.top_m, near_m)
+        z_m = min(self.limits.top_m, near_m) if self._is_tip_known else self.limits.top_m
         if z_m < self.limits.top_m:
             self._move(Place(x_m, y_m, z_m), APPROACH_M_S)
         steps = [host_clock.now()]
@@ -124,6 +129,8 @@ class GuardedStage:
                 )
             self._move(Place(x_m, y_m, z_m), APPROACH_M_S)
         self.free_until_s = steps[-min(len(steps), FREE_STEPS)]
+        if not self._is_tip_known:
+            self._origin, z_m, self._is_tip_known = self._origin.plus(Place(0.0, 0.0, z_m)), 0.0, True
         self.surface.check(x_m, y_m, z_m, LOST_STEPS_M + APPROACH_STEP_M)
         return z_m
 

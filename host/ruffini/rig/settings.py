@@ -17,6 +17,11 @@ rotary_origin_deg = 0.0     # its position there
 [tip]                       # what touches the pad
 shape = "sphere"
 diameter_mm = 6.0
+[[indenters]]               # of program indenters, instead of [tip]: each that a person can mount
+name = "A1"                 # as written on it
+shape = "square"            # sphere, flat (a disc), square, hexagon, triangle, ring; other: none of these
+size_mm = 10.0              # diameter; of a square or hexagon across its flats, of a triangle its side
+shore_a = 40.0              # without it: rigid
 [limits]                    # without a stage only max_force_n
 half_x_mm = 8.0
 half_y_mm = 6.0
@@ -46,6 +51,7 @@ from ruffini.rig.i2c_cell import I2cCell
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.network_cell import NetworkCell, fetch_settings
 from ruffini.rig.placed_weight import SCALE_SIGMA_G, PlacedWeight
+from ruffini.rig.program import Program, Tool
 from ruffini.rig.reference import Reference
 from ruffini.rig.stage import Place, Rotary, Stage
 from ruffini.rig.text_cell import TextCell
@@ -58,6 +64,7 @@ Mm = Annotated[float, Field(ge=-2000, le=2000)]
 Axes = Annotated[list[Annotated[str, Field(pattern="^[+-][xyz]$")]], Field(min_length=3, max_length=3)]
 
 
+RIGID_SHORE_A = 98.0  # the scale ends at 100
 SCALE_MAX_N = 10.0  # by hand
 SERIAL_SCALE_N, SERIAL_SCALE_HZ = 50.0, 2.0  # range and rate of a serial one, as stated
 
@@ -208,6 +215,20 @@ class TipSettings(_Section):
     diameter_mm: Positive
 
 
+class IndenterSettings(_Section):
+    """What a person mounts on the stage."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    shape: Literal["sphere", "flat", "square", "hexagon", "triangle", "ring", "other"]
+    size_mm: Positive
+    shore_a: Annotated[float, Field(gt=0, le=RIGID_SHORE_A)] = RIGID_SHORE_A
+
+    @property
+    def tool(self) -> Tool:
+        """As a program mounts it."""
+        return Tool(self.shape, self.size_mm / 2e3, self.shore_a, self.name)
+
+
 class LimitSettings(_Section):
     """Soft limits from the pad's centre."""
 
@@ -250,6 +271,25 @@ class RigSettings(_Section):
     limits: LimitSettings
     stage: StageSettings | None = None
     tip: TipSettings | None = None
+    indenters: list[IndenterSettings] = []
+
+    def tools(self, program: Program) -> tuple[Tool, ...]:
+        """The indenters that a program has mounted, one after the other; none if it presses with one tip.
+
+        Raises
+        ------
+        InputError
+            The program needs some and the file lists none, or two have one name.
+        """
+        names = [one.name for one in self.indenters]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise InputError(f"two [[indenters]] are named {min(twice)!r}: a person could not tell which to mount")
+        if program.changes_tools and not names:
+            raise InputError(
+                f"program {program.name!r} presses with indenters of several shapes, sizes and hardnesses: list those "
+                "of this bench as [[indenters]] in its file (host/ruffini/rig/README.md)"
+            )
+        return tuple(one.tool for one in self.indenters) if program.changes_tools else ()
 
 
 def scale_rig(port: str = "") -> RigSettings:

@@ -105,7 +105,7 @@ def test_what_is_missing_is_one_sentence() -> None:
         "digit-tactile": "with Calibrate in the page, or `ruffini cal auto`",
         "ftouch": "by `ruffini cal auto`",
         "eltac": "by `ruffini cal auto`",
-        "contact-glitter": "by `ruffini cal fit --only contact`",
+        "contact-glitter": "by `ruffini cal auto`",
         "stereo-fingertip": "by `ruffini cal fit --only fingertip`",
     }.items():
         said = what_is_missing(find_board(board), nothing)

@@ -188,7 +188,7 @@ class Auto:
         path = self.folder / f"{name}.h5"
         facts = {
             "board": self.board.name, "program": program, "seed": seed, "n": len(touches), "tip": self.site.tip,
-            "rig": "sim" if self.site.is_simulated else "bench",
+            "rig": "sim" if self.site.is_simulated else "bench", **self.site.span.facts,
         }  # fmt: skip
         if path.exists():
             self.say(f"{name}: {path} is there")
