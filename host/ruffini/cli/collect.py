@@ -43,8 +43,8 @@ def collect(
         str | None,
         typer.Option(
             help="grid (depth and shear), balls (straight presses), indenters (a person mounts one after the other), "
-            "or by hand: weights, scale, free, conditions, log (the reference is a CSV of another program). Default: what "
-            "the board's estimator is fitted to."
+            "or by hand: weights, scale, free, conditions, log (the reference is a CSV of another program). "
+            "Default: what the board's estimator is fitted to."
         ),
     ] = None,
     n: Annotated[int | None, typer.Option("--n", min=1, help="Touches. Default: 20, conditions 18.")] = None,
@@ -96,14 +96,11 @@ def collect(
 
     found = find_board(board)
     settings = None if rig == SIMULATED else _settings(rig)
-    task = pressed_for(found)
+    task = pressed_for(found, is_simulated=settings is None)
     if program is None:
         usual = next(one.name for one in PROGRAMS.values() if one.is_of_scale == (rig == SCALE))
         program = usual if rig == SCALE or PROGRAMS[task.program].items is None else task.program
     asked = PROGRAMS.get(program, Program(program))
-    tools = () if settings is None else settings.tools(asked)
-    if settings is not None and program == task.program:
-        task.check_tools(tools)
     depth_mm = task.depth_mm if depth_mm is None else depth_mm
     shear_mm = task.shear_mm if shear_mm is None else shear_mm
     ball_mm = task.ball_mm if ball_mm is None else ball_mm
@@ -112,7 +109,14 @@ def collect(
     options = TwinOptions(machine, ball_mm, seed, _error(found, unit, modulus, thickness), say=note)
     span = (task.span if asked.changes_tools else span_of)(
         found, depth_mm * 1e-3, shear_mm * 1e-3, _reach(settings, found)
-    )._replace(tools=tools)
+    )
+    if asked.changes_tools:
+        if settings is not None:
+            span = settings.with_tools(span)
+            if program == task.program:
+                task.check(span)
+        elif program != task.program:
+            raise InputError(f"--rig sim has no indenters for board {found.name!r}: take program {task.program}")
     if rig == SCALE and asked.is_of_scale:
         span = span.inside(task.scale_part or 1.0)
     count = n or (6 if quick else asked.n)

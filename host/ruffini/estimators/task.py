@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate.fit.job import Outcome
 from ruffini.rig.log_file import Log, TouchRecord
-from ruffini.rig.program import Item, Span, Tool
+from ruffini.rig.program import Item, Span
 
 Array = npt.NDArray[np.float64]
 
@@ -62,15 +62,16 @@ class Task:
     needs_ball: bool = False  # a bench must press with one: the colours are learned from it
     scale_part: float | None = None  # of the span, for presses on a kitchen scale; None: those are not enough
     needs_points: bool = False  # known points of a tube's lens
-    check_tools: Callable[[Sequence[Tool]], None] = lambda _: None  # raises InputError if a bench's are too few
+    check: Callable[[Span], None] = lambda _: None  # raises InputError if a bench's indenters are too few
 
 
 class Turned(NamedTuple):
-    """Of an estimator whose sensor is turned under several tools, which only the twin's bench does."""
+    """Of an estimator whose sensor is turned under several tools: by the twin's bench by itself, else by a person."""
 
     name: str
-    presses: str  # file of the board's folder that lists them
+    presses: str  # file of the board's folder that lists those of the twin
     unit: str
+    bench: Task  # with a person at the holder
 
 
 def joined(words: list[Word]) -> Word:

@@ -20,6 +20,7 @@ from ruffini.rig.checks import preflight
 from ruffini.rig.contact_surface import ContactSurface, PadMovedError
 from ruffini.rig.found import estimate
 from ruffini.rig.guarded_stage import CONTACT_N, DryStage, GuardedStage, Limits
+from ruffini.rig.holder import Tilt
 from ruffini.rig.log_file import LogWriter, TouchRecord
 from ruffini.rig.program import HOLD_S, Condition, HandTouch, Indent, Item, ScalePress, Tool, Touch, Weight
 from ruffini.rig.stage import Place
@@ -111,7 +112,7 @@ def _each(bench: Bench, open_items: list[tuple[int, Item]], n_total: int, log: L
         bench.guide.good(i)
         uncontrolled.append(i)
         following = open_items[n + 1][1] if n + 1 < len(open_items) else None
-        if len(uncontrolled) == CONTROL_EVERY or following is None or _tool(following) != _tool(item):
+        if len(uncontrolled) == CONTROL_EVERY or following is None or _setup(following) != _setup(item):
             _control(bench, log, uncontrolled)
             uncontrolled = []
         n_redone += tries - 1
@@ -120,13 +121,13 @@ def _each(bench: Bench, open_items: list[tuple[int, Item]], n_total: int, log: L
     return n_redone
 
 
-def _tool(item: Item) -> Tool | None:
-    return item.tool if isinstance(item, Indent) else None
+def _setup(item: Item) -> tuple[Tool, Tilt] | None:
+    return (item.tool, item.tilt_deg) if isinstance(item, Indent) else None
 
 
 def _mount(bench: Bench, item: Item) -> bool:
-    """True if another indenter was mounted for it."""
-    return isinstance(item, Indent) and bench.put_on(item.tool)
+    """True if a person had to mount or to turn something for it."""
+    return isinstance(item, Indent) and bench.put_on(item.tool, item.tilt_deg)
 
 
 def _control(bench: Bench, log: LogWriter, numbers: list[int]) -> None:
@@ -195,12 +196,17 @@ def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     return record, [*faults, *item.faults(record)]
 
 
-def _by_stage(bench: Bench, touch: Touch, path: list[tuple[float, Place]]) -> dict[str, Any]:
+def _by_stage(
+    bench: Bench, touch: Touch, path: list[tuple[float, Place]], *, is_pictured: bool = False
+) -> dict[str, Any]:
     """Press, hold and lift with the stage; returns the times."""
     stage = bench.need_stage()
 
     def note(place: Place) -> None:
         path.append((host_clock.now(), place))
+        if is_pictured:
+            bench.wait_for_picture()
+            path.append((host_clock.now(), place))
 
     contact_m = press(stage, touch, note)
     held = host_clock.now()
@@ -215,8 +221,9 @@ def _by_stage(bench: Bench, touch: Touch, path: list[tuple[float, Place]]) -> di
 
 def _by_indenter(bench: Bench, item: Indent, path: list[tuple[float, Place]]) -> dict[str, Any]:
     """Press with the indenter that is mounted, and lift; the hold starts at the contact."""
-    facts = _by_stage(bench, item.press, path)
-    return {**facts, "tool": item.tool._asdict(), "held_host_s": facts["touched_host_s"]}
+    facts = _by_stage(bench, item.press, path, is_pictured=bench.pictures_on_way)
+    return {**facts, "tool": item.tool._asdict(), "held_host_s": facts["touched_host_s"],
+            "is_pictured": bench.pictures_on_way, "way_down": bench.need_stage().way_down}  # fmt: skip
 
 
 def press(stage: GuardedStage, touch: Touch, note: Note) -> float:
@@ -258,13 +265,13 @@ def rehearse(plan: Sequence[Item], limits: Limits | None) -> Rehearsal:
         return np.array([0, 0, -2 * CONTACT_N * (dry.position().z_m < 0)])
 
     stage = GuardedStage(dry, Place(0.0, 0.0, 0.0), limits, force)
-    mounted: Tool | None = None
+    setup = None
     for line, item in zip(lines, plan, strict=True):
         n_before = len(dry.moves)
-        if _tool(item) != mounted:
-            mounted = _tool(item)
+        if _setup(item) != setup:
+            setup = _setup(item)
             stage.go_above(0.0, 0.0)
-            stage.change_tip()
+            stage.change_tip(Place(0.0, 0.0, 0.0))
             stage.approach(0.0, 0.0)
         if isinstance(item, Touch | Indent):
             press(stage, item.press if isinstance(item, Indent) else item, lambda place: None)

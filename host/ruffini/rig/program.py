@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
+from ruffini.rig import holder
+from ruffini.rig.holder import UPRIGHT, Tilt
 from ruffini.rig.log_file import ACTIVITY, TouchRecord
 from ruffini.rig.placed_weight import MAX_GRAMS, SCALE_SIGMA_G
 from ruffini.rig.units import GRAVITY_M_S2
@@ -82,6 +84,7 @@ class Indent(NamedTuple):
     y_m: float
     depth_m: float
     hold_s: float = 0.0  # nothing is learned of standing still
+    tilt_deg: Tilt = UPRIGHT  # of what is pressed
 
     @property
     def kind(self) -> str:
@@ -93,7 +96,8 @@ class Indent(NamedTuple):
         return Touch(self.x_m, self.y_m, self.depth_m, hold_s=self.hold_s)
 
     def told(self) -> str:
-        return f"{self.tool.told()}, at {_mm(self.x_m, self.y_m)}, {1e3 * self.depth_m:.2f} mm deep"
+        turned = "" if self.tilt_deg == UPRIGHT else f", {holder.told(self.tilt_deg)}"
+        return f"{self.tool.told()}, at {_mm(self.x_m, self.y_m)}, {1e3 * self.depth_m:.2f} mm deep{turned}"
 
     def faults(self, record: TouchRecord) -> list[str]:
         return []
@@ -220,18 +224,20 @@ class ByHand(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Where a program touches and how deep, metres; the indenters of the bench, if it lists some."""
+    """Where a program touches and how deep, metres; indenters and tilts of the bench, if it lists some."""
 
     half_x_m: float
     half_y_m: float
     deepest_m: float
     shear_m: float
     tools: tuple[Tool, ...] = ()
+    tilts_deg: tuple[Tilt, ...] = ()
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a log keeps of it: the plan follows from the list of indenters."""
-        return {"indenters": [tool._asdict() for tool in self.tools]} if self.tools else {}
+        """What a log keeps of it: the plan follows from the lists of indenters and tilts."""
+        tilts = {"tilts_deg": [list(tilt) for tilt in self.tilts_deg]} if self.tilts_deg else {}
+        return {"indenters": [tool._asdict() for tool in self.tools], **tilts} if self.tools else {}
 
     def inside(self, part: float) -> Span:
         """The middle of it, so large a part along x and along y."""
@@ -356,13 +362,14 @@ def _drawn(n: int, rng: np.random.Generator) -> list[Tool]:
 
 
 def _indents(span: Span, n: int, rng: np.random.Generator, _: ByHand) -> list[Item]:
-    """Places spread; the bench's indenters one after the other, on a bench that lists none (the twin's) drawn ones."""
-    n_tools = len(span.tools)
-    tools = [span.tools[i * n_tools // n] for i in range(n)] if n_tools else _drawn(n, rng)
+    """Places spread; the bench's indenters one after the other, each at all tilts; of the twin's bench drawn ones."""
+    listed = [(tool, tilt) for tool in span.tools for tilt in span.tilts_deg or (UPRIGHT,)]
+    setups = [listed[i * len(listed) // n] for i in range(n)] if listed else [(t, UPRIGHT) for t in _drawn(n, rng)]
     return [
-        Indent(tool, float((2 * x - 1) * span.half_x_m), float((2 * y - 1) * span.half_y_m), span.deepest_m)
-        for tool, (x, y, _) in zip(tools, spread(n, rng), strict=True)
-    ]
+        Indent(tool, float((2 * x - 1) * span.half_x_m), float((2 * y - 1) * span.half_y_m), span.deepest_m,
+               tilt_deg=tilt)
+        for (tool, tilt), (x, y, _) in zip(setups, spread(n, rng), strict=True)
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ def test_what_is_missing_is_one_sentence() -> None:
         "ftouch": "by `ruffini cal auto`",
         "eltac": "by `ruffini cal auto`",
         "contact-glitter": "by `ruffini cal auto`",
-        "stereo-fingertip": "by `ruffini cal fit --only fingertip`",
+        "stereo-fingertip": "by `ruffini cal auto`",
     }.items():
         said = what_is_missing(find_board(board), nothing)
         assert f"no newtons until it is calibrated {how}" in said

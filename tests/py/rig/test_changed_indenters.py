@@ -13,13 +13,15 @@ from typer.testing import CliRunner
 from ruffini.boards import find_board
 from ruffini.cli.app import app
 from ruffini.errors import InputError, RefusedError
-from ruffini.estimators.contact_model.task import TASK, check_tools
+from ruffini.estimators.contact_model.task import TASK, check
+from ruffini.estimators.fingertip.task import TASK as FINGERTIP
 from ruffini.rig import collect as collecting
 from ruffini.rig.bench import Bench
 from ruffini.rig.contact_surface import PadMovedError
 from ruffini.rig.guarded_stage import DryStage, GuardedStage, Limits
+from ruffini.rig.holder import UPRIGHT, Holder
 from ruffini.rig.log_file import LogWriter, TouchRecord
-from ruffini.rig.program import PROGRAMS, Indent, Item, Span, Tool, plan
+from ruffini.rig.program import Indent, Item, Span, Tool, plan
 from ruffini.rig.settings import load_rig
 from ruffini.rig.stage import Place
 
@@ -183,10 +185,11 @@ def test_a_collection_that_nobody_answers_stops_and_goes_on_with_what_is_left(pr
 
 def test_the_plan_mounts_each_listed_indenter_once(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(RIG + listed(INDENTERS))
-    tools = load_rig(tmp_path / "rig.toml").tools(PROGRAMS["indenters"])
+    plain = TASK.span(find_board("contact-glitter"), 1.7e-3, 0.0, None)
+    span = load_rig(tmp_path / "rig.toml").with_tools(plain)
+    tools = span.tools
     assert tools[1] == Tool("square", 5.5e-3, 60.0, "A2")
-    check_tools(tools)
-    span = TASK.span(find_board("contact-glitter"), 1.7e-3, 0.0, None)._replace(tools=tools)
+    check(span)
     fitted, judged = TASK.fitted(span, 18, 2), TASK.judged(span, 6, 1001)
     for items, n in ((fitted, 18), (judged, 6)):
         names = [item.tool.name for item in items if isinstance(item, Indent)]
@@ -202,7 +205,7 @@ def test_the_plan_mounts_each_listed_indenter_once(tmp_path: Path) -> None:
 
 def test_a_rigid_one_needs_no_hardness(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(RIG + '[[indenters]]\nname = "S"\nshape = "flat"\nsize_mm = 8.0\n')
-    (tool,) = load_rig(tmp_path / "rig.toml").tools(PROGRAMS["indenters"])
+    (tool,) = load_rig(tmp_path / "rig.toml").with_tools(Span(1e-3, 1e-3, 1e-3, 0.0)).tools
     assert tool.shore_a == 98
 
 
@@ -224,6 +227,13 @@ def test_a_bench_without_the_indenters_is_refused_in_one_sentence_before_anythin
             raise CliRunner().invoke(app, ["cal", *verb, *words]).exception or AssertionError
 
 
+def test_the_twins_bench_has_indenters_for_a_contact_model_alone(tmp_path: Path) -> None:
+    words = ["cal", "collect", "--rig", "sim", "--out", str(tmp_path / "log.h5"), "--program", "indenters", "--dry-run"]
+    assert CliRunner().invoke(app, [*words, "--board", "contact-glitter"]).exit_code == 0
+    with pytest.raises(InputError, match="no indenters for board 'stereo-fingertip'"):
+        raise CliRunner().invoke(app, [*words, "--board", "stereo-fingertip"]).exception or AssertionError
+
+
 def test_a_dry_run_prints_every_move_of_every_indenter(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(RIG + listed(INDENTERS))
     words = ["--board", "contact-glitter", "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "log.h5")]
@@ -233,3 +243,59 @@ def test_a_dry_run_prints_every_move_of_every_indenter(tmp_path: Path) -> None:
     assert (told["program"], told["touches"]) == ("indenters", 8)
     lowest = [z for z in np.array(told["moves_m"])[:, 2] if z < -1.6e-3]
     assert len(lowest) >= 8
+
+
+def test_a_holder_is_turned_between_presses_and_the_tip_follows_the_middle_of_the_fingertip(
+    pressed: Pressed, tmp_path: Path
+) -> None:
+    pressed.bench.holder = Holder(8e-3)
+    items: list[Item] = [Indent(FLAT, 1e-3, 0.0, 1e-3, tilt_deg=tilt) for tilt in (UPRIGHT, (0.0, -20.0), (15.0, 0.0))]
+    kept = pressed.collect(items, LogWriter(tmp_path / "log.h5", {}))
+    assert pressed.told == [
+        "mount indenter A1 (flat of 10.0 mm, Shore A 80), turn the holder to outer axis +0, inner axis +0 degrees, "
+        "and take your hands off",
+        "turn the holder to outer axis +0, inner axis +20 degrees, and take your hands off",
+        "turn the holder to outer axis -15, inner axis +0 degrees, and take your hands off",
+    ]
+    lowest = [move for move in pressed.dry.moves if move.z_m < -1.1e-3]
+    # The middle of the sphere goes round the point below it, and each press is 1 mm beside it.
+    aside = [(0.0, 0.0), (8e-3 * np.sin(np.deg2rad(20)), 0.0), (0.0, 8e-3 * np.sin(np.deg2rad(15)))]
+    places = sorted({(round(m.x_m, 7), round(m.y_m, 7)) for m in lowest})
+    assert places == sorted((round(1e-3 + x, 7), round(y, 7)) for x, y in aside)
+    assert [record.arrays["stage_place"][-1, 0] for record in kept.values()] == pytest.approx([1e-3] * 3)
+
+
+def test_a_five_axis_stage_turns_by_itself(pressed: Pressed, tmp_path: Path) -> None:
+    pressed.bench.holder = Holder(0.0, ("A", "-B"))
+    items: list[Item] = [Indent(FLAT, 1e-3, 0.0, 1e-3, tilt_deg=tilt) for tilt in (UPRIGHT, (15.0, -20.0))]
+    pressed.collect(items, LogWriter(tmp_path / "log.h5", {}))
+    assert pressed.told == ["mount indenter A1 (flat of 10.0 mm, Shore A 80), and take your hands off"]
+    assert pressed.dry.turned == {"A": -15.0, "B": -20.0}
+
+
+def test_the_plan_turns_the_holder_more_often_than_it_changes_tools(tmp_path: Path) -> None:
+    holder = "[holder]\ntilts_deg = [[0.0, 0.0], [20.0, 0.0], [0.0, -30.0]]\npivot_mm = 30.0\n"
+    (tmp_path / "rig.toml").write_text(RIG + listed(INDENTERS[:2]) + holder)
+    settings, board = load_rig(tmp_path / "rig.toml"), find_board("stereo-fingertip")
+    assert settings.holder is not None
+    assert settings.holder.of(board) == Holder(pytest.approx(8e-3))
+    span = settings.with_tools(FINGERTIP.span(board, 1.6e-3, 0.0, None))
+    FINGERTIP.check(span)
+    items = [item for item in FINGERTIP.fitted(span, 12, 1) if isinstance(item, Indent)]
+    setups = list(dict.fromkeys((item.tool.name, item.tilt_deg) for item in items))
+    assert setups == [(name, tilt) for name in ("A1", "A2") for tilt in ((0, 0), (20, 0), (0, -30))]
+    assert [(item.tool.name, item.tilt_deg) for item in items] == [setup for setup in setups for _ in range(2)]
+    assert json.loads(json.dumps(span.facts)) == span.facts  # a log that is gone on with compares them
+    with pytest.raises(InputError, match=r"take \[holder\] out"):
+        check(span)
+
+
+@pytest.mark.parametrize("tilts", ["[[0.0, 0.0], [20.0, 0.0]]", "[[20.0, 20.0]]"])
+def test_a_fingertip_that_is_not_turned_about_both_axes_and_pressed_upright_is_refused(
+    tilts: str, tmp_path: Path
+) -> None:
+    (tmp_path / "rig.toml").write_text(f"{RIG}{listed(INDENTERS[:2])}[holder]\ntilts_deg = {tilts}\n")
+    words = ["--board", "stereo-fingertip", "--rig", str(tmp_path / "rig.toml")]
+    for verb in (["collect", "--out", str(tmp_path / "log.h5"), "--dry-run"], ["auto", "--out", str(tmp_path / "a")]):
+        with pytest.raises(InputError, match="pressed upright and turned about both axes"):
+            raise CliRunner().invoke(app, ["cal", *verb, *words]).exception or AssertionError

@@ -15,7 +15,7 @@ from ruffini.estimators.contact_model.log import FACES, HERTZIAN, LEAST_SHORE
 from ruffini.estimators.task import Counts, Task, Word, joined
 from ruffini.rig.found import is_held
 from ruffini.rig.log_file import CONTACT_SHORE, Log, TouchRecord
-from ruffini.rig.program import Item, Span, Tool, plan, span_of
+from ruffini.rig.program import Item, Span, plan, span_of
 
 Array = npt.NDArray[np.float64]
 
@@ -58,8 +58,11 @@ def indents(span: Span, n: int, seed: int) -> Sequence[Item]:
     return plan("indenters", span, n, seed)
 
 
-def check_tools(tools: Sequence[Tool]) -> None:
-    """Raises InputError if no size and no shape could be left out of a fit to these indenters."""
+def check(span: Span) -> None:
+    """Raises InputError if no size and no shape could be left out of a fit to a bench's indenters."""
+    if span.tilts_deg:
+        raise InputError("a contact model is fitted to straight presses: take [holder] out of the bench's file")
+    tools = span.tools
     faces = [tool for tool in tools if tool.shape in FACES]
     balls = {tool.radius_m for tool in tools if tool.shape in HERTZIAN}
     n_hard = len({tool.shore_a for tool in tools if tool.shore_a >= LEAST_SHORE})
@@ -81,5 +84,5 @@ def _about_the_middle(board: Board, depth_m: float, shear_m: float, reach_m: tup
 TASK = Task(
     "contact", "indenters", Counts(0, 72, 24, 0), Counts(0, 18, 6, 0), 1.7, 0.0, 6.0,
     "% of the largest normal force, RMS", _about_the_middle, indents, indents, _indent_word, _indent_figures,
-    _contact_left_out, check_tools=check_tools,
+    _contact_left_out, check=check,
 )  # fmt: skip
