@@ -6,26 +6,45 @@ import contextlib
 import hashlib
 import json
 import os
+import re
+import shutil
 import sys
+import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from test_auto_boards import coarse
 from tiny_twin import Twin
 
 from ruffini import host_clock
+from ruffini.boards import find_board
 from ruffini.cli import main
 from ruffini.daemon import running_daemon
 from ruffini.device import Connection
+from ruffini.errors import RefusedError
+from ruffini.estimators.contact_model.touches import presses_of_log
+from ruffini.estimators.fingertip.log import press_roots
+from ruffini.estimators.fingertip.presses import AREA, FORCE, PITCH, ROLL, WAY, X, Y, read_press
+from ruffini.estimators.fingertip.task import TASK as FINGERTIP
+from ruffini.estimators.task import Counts, Turned
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
+from ruffini.rig.emulated_machine import EmulatedMachine
 from ruffini.rig.emulated_person import EmulatedPerson
 from ruffini.rig.emulated_references import EmulatedLogger, EmulatedPage, EmulatedTextCell, Mount
 from ruffini.rig.found import is_held
 from ruffini.rig.frame_clock import FrameClock
 from ruffini.rig.log_file import Log, read_log
+from ruffini.rig.program import Tool
 from ruffini.rig.twin_bench import ORIGIN, Hanging, Loader, build_twin_bench
+from ruffini.sim.bodies.dome_unit import DomeUnit
 from ruffini.sim.indenters import Indenter
+from ruffini.sim.pose import Pose
+from ruffini.sim.rig import Unit
+from ruffini.sim.units import build_unit
 
 LIMITS = """[limits]
 max_force_n = 5.0
@@ -43,9 +62,11 @@ GRAMS_A_NEWTON = 1e3 / 9.80665
 class Desk:
     """A sensor, whatever presses it, and a person at the terminal."""
 
-    def __init__(self, twin: Twin, folder: Path, loader: Loader, capsys: pytest.CaptureFixture[str]) -> None:
+    def __init__(
+        self, twin: Twin, folder: Path, loader: Loader, capsys: pytest.CaptureFixture[str], step: int = 1
+    ) -> None:
         self.twin, self.folder, self._capsys = twin, folder, capsys
-        self.clock = FrameClock(1e3 / twin.board.camera.rate_mhz)
+        self.clock = FrameClock(1e3 / twin.board.camera.rate_mhz, step=step)
         self.bench = build_twin_bench(
             twin.unit, Indenter("sphere", 0.003), loader, folder / "twin", 1, clock=self.clock
         )
@@ -104,11 +125,17 @@ def person(monkeypatch: pytest.MonkeyPatch) -> Iterator[EmulatedPerson]:
 
     def hear(text: str) -> None:
         asked, has_to_answer, _ = text.partition(", then press Enter")
-        (someone.confirm if has_to_answer else someone.say)(asked)
-        if has_to_answer:
+        if not has_to_answer:
+            return someone.say(asked)
+        try:
+            someone.confirm(asked)
+        except RefusedError:
+            os.write(writer, b"x")
+        else:
             os.write(writer, b"\n")
 
-    monkeypatch.setattr("ruffini.cli.collect.note", hear)
+    for verb in ("collect", "auto"):
+        monkeypatch.setattr(f"ruffini.cli.{verb}.note", hear)
     with os.fdopen(reader) as keyboard:
         monkeypatch.setattr(sys, "stdin", keyboard)
         yield someone
@@ -197,6 +224,276 @@ def test_a_csv_of_another_program(bench_twin: Twin, tmp_path, monkeypatch, capsy
     for touch in log.touches:
         truth = held(touch, "reference_wrench", "reference_s")
         assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(truth, rel=0.3)
+
+
+class Changed(Hanging):
+    """What a person mounts on the machine: each indenter ends elsewhere."""
+
+    length_m = 0.0
+
+    def load(self, wrench: np.ndarray) -> Pose | None:
+        place = self._machine.place().minus(ORIGIN)
+        depth_m = self.length_m - place.z_m
+        return Pose(place.x_m, place.y_m, depth_m) if depth_m > 0 else None
+
+
+MOUNT = re.compile(r"mount indenter (\w+) ")
+INDENTERS = """[[indenters]]
+name = "A1"
+shape = "flat"
+size_mm = 9.0
+shore_a = 80.0
+[[indenters]]
+name = "A2"
+shape = "square"
+size_mm = 11.0
+shore_a = 50.0
+[[indenters]]
+name = "B1"
+shape = "sphere"
+size_mm = 10.0
+shore_a = 80.0
+[[indenters]]
+name = "B2"
+shape = "sphere"
+size_mm = 11.0
+shore_a = 30.0
+"""
+LENGTHS_M = {"A1": 0.0, "A2": 9e-4, "B1": -6e-4, "B2": 3e-4}
+
+
+class ChangedDesk(Desk):
+    """A board on a stage and six axes; a person mounts and turns what they are told."""
+
+    listed = INDENTERS
+
+    def __init__(
+        self, unit: Unit, held: Hanging, folder: Path, machine: EmulatedMachine, page: EmulatedPage,
+        person: EmulatedPerson, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, step: int,
+    ) -> None:  # fmt: skip
+        self.told, self.sentences = list[str](), list[str]()
+        self.leaves_at = ""
+        monkeypatch.setattr(person, "confirm", self.mount)
+        super().__init__(Twin(unit, b""), folder, held, capsys, step)
+        origin = ", ".join(f"{1e3 * v:.3f}" for v in ORIGIN)
+        self.rig = f"""[reference]
+kind = "network"
+host = "127.0.0.1"
+port = {self.bench.cell.port}
+http_port = {page.server_port}
+full_scale = [20.0, 20.0, 20.0, 0.5, 0.5, 0.5]
+sigma = [0.005, 0.005, 0.005, 0.00005, 0.00005, 0.00005]
+[stage]
+kind = "marlin"
+port = "{machine.port}"
+origin_mm = [{origin}]
+{self.listed}[limits]
+max_force_n = 15.0
+half_x_mm = 7.0
+half_y_mm = 7.0
+top_mm = 2.0
+bottom_mm = -4.0
+deepest_mm = 1.7
+near_mm = 0.3
+"""
+
+    def mount(self, asked: str) -> None:
+        found = MOUNT.match(asked)
+        self.sentences.append(asked)
+        self.told.append(found[1] if found else "turned")
+        if self.told[-1] == self.leaves_at:
+            raise RefusedError("out for lunch")
+        if found is not None:
+            (one,) = (row for row in tomllib.loads(self.listed)["indenters"] if row["name"] == found[1])
+            self.change(found[1], one)
+
+    def change(self, name: str, one: dict[str, Any]) -> None:
+        raise NotImplementedError
+
+
+class GlitterDesk(ChangedDesk):
+    """contact-glitter with few elements."""
+
+    def __init__(self, folder: Path, machine: EmulatedMachine, *others: Any) -> None:
+        unit = build_unit(coarse("contact-glitter", folder))
+        self.held = Changed(machine, unit, Indenter("sphere", 0.003))
+        super().__init__(unit, self.held, folder, machine, *others, step=3)
+
+    def change(self, name: str, one: dict[str, Any]) -> None:
+        self.held.length_m = LENGTHS_M[name]
+        self.bench.twin.mount(Tool(one["shape"], one["size_mm"] / 2e3, one["shore_a"]))
+
+
+@pytest.fixture
+def glitter(tmp_path, monkeypatch, capsys, person, slow_is_fine) -> Iterator[GlitterDesk]:
+    with EmulatedMarlin() as machine, EmulatedPage(0.8) as page:
+        desk = GlitterDesk(tmp_path, machine, page, person, capsys, monkeypatch)
+        with desk.running(), desk.bench.cell:
+            yield desk
+
+
+def test_a_person_mounts_indenters_leaves_and_goes_on(glitter: GlitterDesk, monkeypatch) -> None:
+    out = glitter.folder / "log.h5"
+    words = ("collect", "--out", out, "--program", "indenters", "--n", 2, "--depth-mm", 0.5)
+    glitter.leaves_at = "B1"
+    code, _, said = glitter.run(monkeypatch, glitter.rig, *words)
+    assert (code, "stopped by a key at 'mount indenter B1 (sphere of 10.0 mm, Shore A 80)" in said) == (4, True)
+    glitter.leaves_at = ""
+    code, text, said = glitter.run(monkeypatch, glitter.rig, *words)
+    assert code == 0, said
+    assert json.loads(text)["kept"] == 1
+    assert glitter.told == ["A1", "B1", "B1"]
+    log = read_log(out)
+    assert log.facts["tip"] is None
+    assert [one["name"] for one in log.facts["indenters"]] == list(LENGTHS_M)
+    for touch, name in zip(log.touches, ("A1", "B1"), strict=True):
+        assert touch.facts["tool"]["name"] == name
+        assert abs(touch.facts["contact_z_m"]) < 2.1e-4  # counted from where this indenter touched
+        assert np.ptp(touch.arrays["stage_place"][:, 2]) == pytest.approx(5e-4)
+        assert touch.arrays["reference_wrench"][:, 2].min() < -0.2
+    presses = presses_of_log(out, glitter.twin.board)
+    assert [(p.shape, p.radius_mm, p.shore_a) for p in presses] == [("flat", 4.5, 80), ("sphere", 5.0, 80)]
+
+
+TILT = re.compile(r"outer axis ([-+][\d.]+), inner axis ([-+][\d.]+) degrees")
+FLAT_TOOLS = """[[indenters]]
+name = "T1"
+shape = "flat"
+size_mm = 8.0
+[[indenters]]
+name = "T2"
+shape = "square"
+size_mm = 11.0
+[holder]
+tilts_deg = [[30.0, -20.0], [0.0, 0.0]]
+pivot_mm = 30.0
+"""
+
+
+class TurnedTip(Hanging):
+    """A fingertip in a holder whose axes meet 8 mm below the middle of its sphere, under flat tools."""
+
+    above_m = 8e-3
+
+    def __init__(self, machine: EmulatedMachine, unit: DomeUnit) -> None:
+        super().__init__(machine, unit, Indenter("flat", 4e-3))
+        self.radius_m, self._rig = unit.model.radius_m, unit.rig()
+        self.mount(Indenter("flat", 4e-3))
+        self.tilt_rad = (0.0, 0.0)
+        self.deepest = Pose(0.0, 0.0, 0.0)  # while what is mounted now was
+
+    def mount(self, tool: Indenter) -> None:
+        self.tool = tool
+        self._rig.take(tool)
+
+    @property
+    def turn(self) -> np.ndarray:
+        """From the stage's axes to the fingertip's."""
+        return Pose(0, 0, 0, 0, *self.tilt_rad).rotation()
+
+    def load(self, wrench: np.ndarray) -> Pose | None:
+        up = np.array([0, 0, self.above_m])
+        place = np.array(self._machine.place().minus(ORIGIN)) - (self.turn.T @ up - up)
+        if np.hypot(*place[:2]) > 0.8 * self.radius_m:
+            return None
+        pose = Pose(place[0], place[1], 0.0, 0.0, *self.tilt_rad)
+        middle = np.array([0, 0, -self.radius_m])
+        first = float((self.turn.T @ (self._rig.grip(self.tool, pose).tip - middle))[2]) - self.radius_m
+        if place[2] > first:
+            return None
+        pose = replace(pose, depth_m=first - place[2])
+        self.deepest = max(self.deepest, pose, key=lambda one: one.depth_m)
+        return pose
+
+
+class TipDesk(ChangedDesk):
+    """stereo-fingertip with few elements, whose reference is in the stage's axes."""
+
+    listed = FLAT_TOOLS
+
+    def __init__(self, folder: Path, machine: EmulatedMachine, *others: Any) -> None:
+        shutil.copytree(find_board("stereo-fingertip").folder, folder / "stereo-fingertip")
+        twin = folder / "stereo-fingertip" / "twin.toml"
+        twin.write_text(twin.read_text().replace("cells = 18", "cells = 8"))
+        unit = build_unit(find_board(folder / "stereo-fingertip"))
+        self.held = TurnedTip(machine, unit)
+        super().__init__(unit, self.held, folder, machine, *others, step=15)
+        cell = self.bench.cell
+        self.bench.twin.listeners[:] = [
+            lambda frame, w: cell.measure(frame, np.append(self.held.turn.T @ w[:3], w[3:]))
+        ]
+
+    def mount(self, asked: str) -> None:
+        super().mount(asked)
+        if (found := TILT.search(asked)) is not None:
+            self.held.tilt_rad = tuple(-np.deg2rad([float(found[1]), float(found[2])]))
+
+    def change(self, name: str, one: dict[str, Any]) -> None:
+        self.held.mount(Indenter(one["shape"], one["size_mm"] / 2e3))
+        self.bench.twin._indenter = self.held.tool
+
+
+@pytest.fixture
+def tip(tmp_path, monkeypatch, capsys, person) -> Iterator[TipDesk]:
+    # The picture of every second frame comes along.
+    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, 7e6))
+    with EmulatedMarlin() as machine, EmulatedPage(0.8) as page:
+        desk = TipDesk(tmp_path, machine, page, person, capsys, monkeypatch)
+        with desk.running(), desk.bench.cell:
+            yield desk
+
+
+def test_a_person_turns_a_fingertip_under_flat_tools(tip: TipDesk, monkeypatch) -> None:
+    out, board = tip.folder / "log.h5", tip.twin.board
+    code, _, said = tip.run(monkeypatch, tip.rig, "collect", "--out", out, "--n", 1, "--depth-mm", 0.4)
+    assert code == 0, said
+    assert tip.sentences == [
+        "mount indenter T1 (flat of 8.0 mm, Shore A 98), turn the holder to outer axis -30, inner axis +20 degrees, "
+        "and take your hands off"
+    ]
+    (touch,), true = read_log(out).touches, tip.held.deepest
+    assert touch.facts["tilt_deg"] == [30.0, -20.0]
+    with press_roots([out], board) as (root,):
+        press = read_press(board, root / "00000")
+    assert np.isnan(press.told[:2]).all()
+    assert press.told[-1, [WAY, X, Y]] == pytest.approx(1e3 * np.array([true.depth_m, true.x_m, true.y_m]), abs=0.05)
+    assert press.told[-1, [ROLL, PITCH, AREA]] == pytest.approx([30, -20, 16 * np.pi])
+    assert (np.diff(press.told[2:-1, FORCE]) > 0.03).all()  # N, at stops 0.1 mm apart
+    pins_px = np.abs(press.moved).max(axis=(1, 2, 3))
+    assert pins_px[:2].max() < 0.1 < 1.0 < pins_px[-1]
+
+
+@pytest.mark.long
+def test_auto_on_a_fingertip_that_a_person_turns(tip: TipDesk, monkeypatch) -> None:
+    """Few elements and few presses make no good fingertip: its gates are waived, its figures looked at."""
+    few = replace(FINGERTIP, quick=Counts(0, 8, 2, 0))
+    monkeypatch.setattr("ruffini.estimators.fingertip.stage.Fingertip.task", Turned("fingertip", "", few.unit, few))
+    out = tip.folder / "auto"
+    code, text, said = tip.run(monkeypatch, tip.rig, "auto", "--quick", "--force", "--out", out, "--depth-mm", 0.7)
+    assert code == 0, said
+    result = json.loads(text)
+    assert tip.told == ["T1", "turned", "T2", "turned", "T1", "T2"]  # fitted, then judged
+    assert (result["simulated"], result["after"]["against"], result["after"]["touches"]) == (False, "the reference", 2)
+    assert result["after"]["told"] > 0.5 * result["after"]["frames"]
+    assert result["after"]["error"] < 75  # mN
+    assert (out / "report.html").exists()
+    with Connection(tip.port) as sensor:
+        assert sensor.hello.sensors[0].calibration.sha256.hex() == result["sha256"]
+
+
+@pytest.mark.long
+def test_auto_on_indenters_that_a_person_mounts(glitter: GlitterDesk, monkeypatch) -> None:
+    """Few elements and four indenters make no good contact model: its gates are waived, its figures looked at."""
+    out = glitter.folder / "auto"
+    code, text, said = glitter.run(monkeypatch, glitter.rig, "auto", "--quick", "--force", "--out", out)
+    assert code == 0, said
+    result = json.loads(text)
+    assert glitter.told == [*LENGTHS_M, *LENGTHS_M]  # fitted, then judged
+    assert (result["simulated"], result["after"]["against"], result["after"]["touches"]) == (False, "the reference", 6)
+    assert result["after"]["error"] < 10  # % of the largest normal force
+    assert (out / "report.html").exists()
+    with Connection(glitter.port) as sensor:
+        assert sensor.hello.sensors[0].calibration.sha256.hex() == result["sha256"]
 
 
 def test_auto_replaces_no_calibration_that_nobody_could_put_back(

@@ -61,11 +61,7 @@ def auto(
     found = find_board(board)
     task = task_of(found)
     if isinstance(task, Turned) and rig != SIMULATED:
-        raise InputError(
-            f"board {found.name!r} is pressed by several tools while it is turned under them, which no machine of "
-            f"`cal auto` does: record such presses and fit them with `ruffini cal fit --only {task.name}`; "
-            "--rig sim plays it on the twin"
-        )
+        task = task.bench
     before = None if previous is None else keys.read_verified(previous)
     if before is not None:
         container.check_board(before, found)
@@ -161,7 +157,10 @@ def _real(
     board: Board, task: Task, path: Path, depth_m: float, shear_m: float, previous: CalibrationFile | None,
     points: Path | None, folder: Path, *, is_forced: bool,
 ) -> Site:  # fmt: skip
+    from ruffini.calibrate.auto.fingertip import eyes_apart_mm
     from ruffini.calibrate.auto.run import Opened, Site
+    from ruffini.estimators.table import task_of
+    from ruffini.estimators.task import Turned
     from ruffini.files import write_whole
     from ruffini.rig.person import TerminalPerson
     from ruffini.rig.program import PROGRAMS
@@ -172,16 +171,14 @@ def _real(
     settings = load_rig(path)
     if settings.stage is not None:
         settings.stage.rotary(board)  # refuses a stage that cannot press this board
-    if PROGRAMS[task.program].changes_tools:
-        raise InputError(
-            f"board {board.name!r} is fitted on indenters of many sizes and hardnesses, and `cal auto` does not know "
-            f"yet which ones your bench has: use `ruffini cal fit --only {task.name}`, or --rig sim"
-        )
     if task.needs_ball and (settings.tip is None or settings.tip.shape != "sphere"):
         raise InputError(f"{path}: `cal auto` learns the colours from a ball: give [tip] shape = 'sphere', diameter_mm")
     if task.needs_points and points is None:
         raise InputError("the lens is fitted to known points: give --points FILE (CSV: x_px, y_px, z_mm)")
     span = task.span(board, depth_m, shear_m, settings.limits.reach_m)
+    if PROGRAMS[task.program].changes_tools:
+        span = settings.with_tools(span)
+        task.check(span)
     flashed = folder / "flashed.txt"  # what this run put there: it may be stopped and go on
 
     @contextlib.contextmanager
@@ -200,6 +197,7 @@ def _real(
             limits = settings.limits.limits if PROGRAMS[program].is_by_stage else None
             yield Opened(stack.enter_context(ready_bench(parts, board, limits, key)), None)
 
-    tip = settings.tip
+    tip = None if span.tools else settings.tip
     shape = None if tip is None else {"shape": tip.shape, "radius_m": tip.diameter_mm / 2e3}
-    return Site(opened, span, shape, False, points)
+    baseline_mm = eyes_apart_mm(board) if isinstance(task_of(board), Turned) else None
+    return Site(opened, span, shape, False, points, baseline_mm)

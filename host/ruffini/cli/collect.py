@@ -42,8 +42,9 @@ def collect(
     program: Annotated[
         str | None,
         typer.Option(
-            help="grid (depth and shear), balls (straight presses), or by hand: weights, scale, free, conditions, "
-            "log (the reference is a CSV of another program). Default: what the board's estimator is fitted to."
+            help="grid (depth and shear), balls (straight presses), indenters (a person mounts one after the other), "
+            "or by hand: weights, scale, free, conditions, log (the reference is a CSV of another program). "
+            "Default: what the board's estimator is fitted to."
         ),
     ] = None,
     n: Annotated[int | None, typer.Option("--n", min=1, help="Touches. Default: 20, conditions 18.")] = None,
@@ -95,7 +96,7 @@ def collect(
 
     found = find_board(board)
     settings = None if rig == SIMULATED else _settings(rig)
-    task = pressed_for(found)
+    task = pressed_for(found, is_simulated=settings is None)
     if program is None:
         usual = next(one.name for one in PROGRAMS.values() if one.is_of_scale == (rig == SCALE))
         program = usual if rig == SCALE or PROGRAMS[task.program].items is None else task.program
@@ -106,7 +107,16 @@ def collect(
     if machine not in MACHINES:
         raise InputError(f"--machine {machine!r}: choose {' or '.join(MACHINES)}")
     options = TwinOptions(machine, ball_mm, seed, _error(found, unit, modulus, thickness), say=note)
-    span = span_of(found, depth_mm * 1e-3, shear_mm * 1e-3, _reach(settings, found))
+    span = (task.span if asked.changes_tools else span_of)(
+        found, depth_mm * 1e-3, shear_mm * 1e-3, _reach(settings, found)
+    )
+    if asked.changes_tools:
+        if settings is not None:
+            span = settings.with_tools(span)
+            if program == task.program:
+                task.check(span)
+        elif program != task.program:
+            raise InputError(f"--rig sim has no indenters for board {found.name!r}: take program {task.program}")
     if rig == SCALE and asked.is_of_scale:
         span = span.inside(task.scale_part or 1.0)
     count = n or (6 if quick else asked.n)
@@ -128,7 +138,8 @@ def collect(
                                    "of the limits; nothing moved"]))  # fmt: skip
             return
     log = LogWriter(out, {"board": found.name, "program": program, "seed": seed, "n": count, "depth_mm": depth_mm,
-                          "shear_mm": shear_mm, "rig": rig, "tip": _tip(settings, ball_mm)})  # fmt: skip
+                          "shear_mm": shear_mm, "rig": rig,
+                          "tip": None if asked.changes_tools else _tip(settings, ball_mm), **span.facts})  # fmt: skip
     n_before = len(log.done())
     next_step = f"Next: ruffini cal fit {out} --board {board} --out calibration.safetensors"
     if asked.is_of_scale:

@@ -20,7 +20,7 @@ from ruffini.estimators.skin.stage import SKIN
 from ruffini.estimators.task import Task, Turned
 from ruffini.estimators.threshold.stage import THRESHOLD
 from ruffini.estimators.wrench.stage import WRENCH
-from ruffini.rig.program import PROGRAMS, Span, span_of
+from ruffini.rig.program import Span, span_of
 
 ESTIMATORS: tuple[Estimator, ...] = (
     CAMERA,
@@ -82,10 +82,13 @@ def task_of(board: Board) -> Task | Turned:
                      f"({', '.join(board.pipeline.stages)}) make no force, no wrench, no skin's contacts")  # fmt: skip
 
 
-def pressed_for(board: Board) -> Task:
+def pressed_for(board: Board, *, is_simulated: bool = False) -> Task:
     """The task whose depth, shear and ball suit a board: its estimator's, or that of forces if a bench presses none."""
     for estimator in applying(board):
-        if isinstance(task := estimator.task_of(board), Task):
+        task = estimator.task_of(board)
+        if isinstance(task, Turned) and not is_simulated:
+            return task.bench
+        if isinstance(task, Task):
             return task
     return FORCES
 
@@ -114,9 +117,7 @@ def how_calibrated(board: Board) -> str:
         As `task_of`.
     """
     task = task_of(board)
-    if isinstance(task, Turned) or PROGRAMS[task.program].changes_tools:
-        return f"by `ruffini cal fit --only {task.name}`"
-    if task.scale_part is not None:
+    if isinstance(task, Task) and task.scale_part is not None:
         return "with Calibrate in the page, or `ruffini cal auto`"
     return "by `ruffini cal auto`"
 

@@ -62,14 +62,16 @@ class Task:
     needs_ball: bool = False  # a bench must press with one: the colours are learned from it
     scale_part: float | None = None  # of the span, for presses on a kitchen scale; None: those are not enough
     needs_points: bool = False  # known points of a tube's lens
+    check: Callable[[Span], None] = lambda _: None  # raises InputError if a bench's indenters are too few
 
 
 class Turned(NamedTuple):
-    """Of an estimator whose sensor is turned under several tools, which only the twin's bench does."""
+    """Of an estimator whose sensor is turned under several tools: by the twin's bench by itself, else by a person."""
 
     name: str
-    presses: str  # file of the board's folder that lists them
+    presses: str  # file of the board's folder that lists those of the twin
     unit: str
+    bench: Task  # with a person at the holder
 
 
 def joined(words: list[Word]) -> Word:

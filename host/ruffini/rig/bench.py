@@ -14,10 +14,11 @@ from ruffini import host_clock
 from ruffini.errors import InputError, RefusedError
 from ruffini.rig.guarded_stage import GuardedStage
 from ruffini.rig.guide import MAX_DRIFT, Guide
+from ruffini.rig.holder import UPRIGHT, Holder, Tilt, told
 from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.program import HOLD_S, Tool
 from ruffini.rig.reference import Reading
-from ruffini.rig.stage import Guard, no_guard
+from ruffini.rig.stage import Guard, Place, no_guard
 from ruffini.rig.stream_watch import StreamWatch
 from ruffini.rig.touch import LONGEST_GAP_S, MIN_FRAMES, MIN_READINGS, least_delay_s
 from ruffini.rig.watch import Watch
@@ -69,16 +70,45 @@ class Bench:
     session: str = ""
     longest_gap_s: float = LONGEST_GAP_S
     max_hold_s: float = MAX_HOLD_S
-    mount: Callable[[Tool], None] | None = None  # puts an indenter there; None: the person is asked
+    mount: Callable[[Tool], None] | None = None  # mounts an indenter; None: the person is asked
+    mounted: tuple[Tool, Tilt] | None = None  # so far
+    holder: Holder | None = None  # turns what is pressed
+    pictures_on_way: bool = False  # an indenter stands at each of its steps until there is a picture
     drift: Array = field(default_factory=lambda: np.zeros(6))  # of the reference, since it was first tared
     guide: Guide = field(default_factory=Guide)  # its current step, for the page
 
-    def put_on(self, tool: Tool) -> None:
-        """Mount another indenter on the stage; raises RefusedError if the person declines."""
+    def put_on(self, tool: Tool, tilt_deg: Tilt = UPRIGHT) -> bool:
+        """Have an indenter mounted and the holder turned with the tip up; False if all was so.
+
+        Where the tip touches, the next approach finds.
+
+        Raises
+        ------
+        RefusedError
+            The person declined, or nobody answers; the reference is not steady afterwards.
+        """
+        before, _ = self.mounted or (None, None)
+        asked = [] if tool == before else [f"mount indenter {tool.told()}"]
+        turns = {} if self.holder is None else self.holder.degrees(tilt_deg)
+        is_turned = self.holder is not None and (self.mounted is None or tilt_deg != self.mounted[1])
+        if is_turned and not turns:
+            asked.append(f"turn the holder to {told(tilt_deg)}")
+        if not asked and not is_turned:
+            return False
+        stage = self.need_stage()
+        if self.mounted is None:
+            self.reference.tare()  # untared it could stop the way up
+        stage.go_above(0.0, 0.0)
         if self.mount is not None:
             self.mount(tool)
-        else:
-            self.person.confirm(f"put on: {tool.told()}")
+        elif asked:
+            self.person.confirm(f"{', '.join(asked)}, and take your hands off")
+        if is_turned and turns:
+            stage.stage.turn(turns)
+        self.mounted, self.guide.said = (tool, tilt_deg), "hands off: the machine presses"
+        self.reference.tare_change(TARE_S)  # it may hang on the reference
+        stage.change_tip(Place(0.0, 0.0, 0.0) if self.holder is None else self.holder.aside(tilt_deg))
+        return True
 
     def need_stage(self) -> GuardedStage:
         """The stage; raises InputError if the bench has none."""
@@ -120,6 +150,19 @@ class Bench:
         while True:
             newest = self.stream.latest()
             if newest.stream_s + least_delay_s(self.stream.since(until_s - self.max_hold_s).frames) > until_s:
+                return
+            host_clock.sleep(0.02)
+
+    def wait_for_picture(self) -> None:
+        """Wait for a picture of the pad as it is now; raises as `hold`."""
+        start = host_clock.now()
+        while True:
+            self.guard()
+            self.reference.latest()
+            self.stream.latest()
+            seen = self.stream.since(start - self.max_hold_s)
+            delay_s = least_delay_s(seen.frames)
+            if any(image.stream_s + delay_s > start for image in seen.images):
                 return
             host_clock.sleep(0.02)
 

@@ -20,8 +20,9 @@ from ruffini.rig.checks import preflight
 from ruffini.rig.contact_surface import ContactSurface, PadMovedError
 from ruffini.rig.found import estimate
 from ruffini.rig.guarded_stage import CONTACT_N, DryStage, GuardedStage, Limits
+from ruffini.rig.holder import Tilt
 from ruffini.rig.log_file import LogWriter, TouchRecord
-from ruffini.rig.program import HOLD_S, Condition, HandTouch, Indent, Item, ScalePress, Touch, Weight
+from ruffini.rig.program import HOLD_S, Condition, HandTouch, Indent, Item, ScalePress, Tool, Touch, Weight
 from ruffini.rig.stage import Place
 from ruffini.rig.touch import faults_of, record_of
 
@@ -73,6 +74,7 @@ def collect(
         with bench.safely():
             if open_items:
                 _recall(bench, kept)
+                _mount(bench, open_items[0][1])  # the checks press with it
                 checks = preflight(bench, known_grams)
                 write_whole(log.side_file(CHECKS), json.dumps(checks).encode())
                 n_redone = _each(bench, open_items, len(plan), log, tell)
@@ -81,11 +83,14 @@ def collect(
 
 
 def _recall(bench: Bench, kept: dict[int, TouchRecord]) -> None:
-    """Set the known contact heights to those of the kept touches: the pad must still be there."""
+    """Set the known contact heights to those of the kept touches: the pad must still be there.
+
+    Those of an indenter count from where it touched when it was mounted.
+    """
     if bench.stage:
         bench.stage.surface = ContactSurface()
     for record in kept.values():
-        if bench.stage and "contact_z_m" in record.facts:
+        if bench.stage and "contact_z_m" in record.facts and "tool" not in record.facts:
             bench.stage.surface.know(*(record.facts[name] for name in ("x_m", "y_m", "contact_z_m")))
 
 
@@ -97,17 +102,32 @@ def _each(bench: Bench, open_items: list[tuple[int, Item]], n_total: int, log: L
         def again(text: str, n_done: int = n_done, n_redone: int = n_redone) -> None:
             tell(Progress(n_done, n_total, n_redone + 1, float("nan"), f"once more: {text}"))
 
+        if _mount(bench, item):  # where its tip ends; the control touches find it there again
+            assert bench.stage is not None
+            bench.stage.approach(0.0, 0.0)
+            bench.stage.lift()
+            bench.rest()
         record, tries = _good_touch(bench, i, item, again)
         log.write(i, record)
         bench.guide.good(i)
         uncontrolled.append(i)
-        if len(uncontrolled) == CONTROL_EVERY or n + 1 == len(open_items):
+        following = open_items[n + 1][1] if n + 1 < len(open_items) else None
+        if len(uncontrolled) == CONTROL_EVERY or following is None or _setup(following) != _setup(item):
             _control(bench, log, uncontrolled)
             uncontrolled = []
         n_redone += tries - 1
         left_s = (time.monotonic() - start) / (n + 1) * (len(open_items) - n - 1)
         tell(Progress(n_done + 1, n_total, n_redone, left_s, f"{_line(record)}; {left_s:.0f} s to go"))
     return n_redone
+
+
+def _setup(item: Item) -> tuple[Tool, Tilt] | None:
+    return (item.tool, item.tilt_deg) if isinstance(item, Indent) else None
+
+
+def _mount(bench: Bench, item: Item) -> bool:
+    """True if a person had to mount or to turn something for it."""
+    return isinstance(item, Indent) and bench.put_on(item.tool, item.tilt_deg)
 
 
 def _control(bench: Bench, log: LogWriter, numbers: list[int]) -> None:
@@ -176,12 +196,17 @@ def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     return record, [*faults, *item.faults(record)]
 
 
-def _by_stage(bench: Bench, touch: Touch, path: list[tuple[float, Place]]) -> dict[str, Any]:
+def _by_stage(
+    bench: Bench, touch: Touch, path: list[tuple[float, Place]], *, is_pictured: bool = False
+) -> dict[str, Any]:
     """Press, hold and lift with the stage; returns the times."""
     stage = bench.need_stage()
 
     def note(place: Place) -> None:
         path.append((host_clock.now(), place))
+        if is_pictured:
+            bench.wait_for_picture()
+            path.append((host_clock.now(), place))
 
     contact_m = press(stage, touch, note)
     held = host_clock.now()
@@ -195,13 +220,10 @@ def _by_stage(bench: Bench, touch: Touch, path: list[tuple[float, Place]]) -> di
 
 
 def _by_indenter(bench: Bench, item: Indent, path: list[tuple[float, Place]]) -> dict[str, Any]:
-    """Mount an indenter, press and lift; the hold starts at the contact."""
-    stage = bench.need_stage()
-    stage.go_above(item.x_m, item.y_m)
-    bench.put_on(item.tool)
-    stage.surface = ContactSurface()  # it ends at another height, and a soft one goes deeper until it is felt
-    facts = _by_stage(bench, Touch(item.x_m, item.y_m, item.depth_m, hold_s=item.hold_s), path)
-    return {**facts, "tool": item.tool._asdict(), "held_host_s": facts["touched_host_s"]}
+    """Press with the indenter that is mounted, and lift; the hold starts at the contact."""
+    facts = _by_stage(bench, item.press, path, is_pictured=bench.pictures_on_way)
+    return {**facts, "tool": item.tool._asdict(), "held_host_s": facts["touched_host_s"],
+            "is_pictured": bench.pictures_on_way, "way_down": bench.need_stage().way_down}  # fmt: skip
 
 
 def press(stage: GuardedStage, touch: Touch, note: Note) -> float:
@@ -234,7 +256,7 @@ def rehearse(plan: Sequence[Item], limits: Limits | None) -> Rehearsal:
         A touch leads out of the soft limits.
     """
     lines = [f"{number}: {item.told()}" for number, item in enumerate(plan)]
-    held_s = sum(item.hold_s if isinstance(item, Touch) else HOLD_S for item in plan) + len(plan) * REST_S
+    held_s = sum(item.hold_s if isinstance(item, Touch | Indent) else HOLD_S for item in plan) + len(plan) * REST_S
     if limits is None:
         return Rehearsal(lines, np.zeros((0, 3)), held_s)
     dry, out = DryStage(Place(0.0, 0.0, limits.top_m)), list[str]()
@@ -243,10 +265,16 @@ def rehearse(plan: Sequence[Item], limits: Limits | None) -> Rehearsal:
         return np.array([0, 0, -2 * CONTACT_N * (dry.position().z_m < 0)])
 
     stage = GuardedStage(dry, Place(0.0, 0.0, 0.0), limits, force)
+    setup = None
     for line, item in zip(lines, plan, strict=True):
         n_before = len(dry.moves)
-        if isinstance(item, Touch):
-            press(stage, item, lambda place: None)
+        if _setup(item) != setup:
+            setup = _setup(item)
+            stage.go_above(0.0, 0.0)
+            stage.change_tip(Place(0.0, 0.0, 0.0))
+            stage.approach(0.0, 0.0)
+        if isinstance(item, Touch | Indent):
+            press(stage, item.press if isinstance(item, Indent) else item, lambda place: None)
             stage.lift()
         out += [line, *(f"   {place}" for place in dry.moves[n_before:])]
     return Rehearsal(out, np.array(dry.moves).reshape(-1, 3), dry.duration_s + held_s)

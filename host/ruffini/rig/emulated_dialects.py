@@ -17,6 +17,7 @@ BUSY_S = 0.5  # between two notes that a command takes time; real, as the patien
 def _target(machine: EmulatedMachine, text: str, *, is_relative: bool = False) -> tuple[Place, float | None]:
     """Where a G1 leads from what is planned, and its speed (m/s)."""
     words = {letter: float(value) for letter, value in WORD.findall(text)}
+    machine.turned |= {axis: words[axis] for axis in machine.turned if axis in words}
     last = machine.blocks[-1].end
     ways = {a: 1e-3 * words[a] for a in "XYZ" if a in words}
     speed_m_s = words["F"] / 60e3 if "F" in words else None
@@ -42,9 +43,10 @@ class EmulatedMarlin(EmulatedMachine):
     garble = 0
 
     def __init__(
-        self, *, bottom_z_m: float = -0.1, has_emergency_parser: bool = True, rotary: Rotary | None = None
-    ) -> None:
-        super().__init__(bottom_z_m=bottom_z_m, rotary=rotary)
+        self, *, bottom_z_m: float = -0.1, has_emergency_parser: bool = True, rotary: Rotary | None = None,
+        turns: str = "",
+    ) -> None:  # fmt: skip
+        super().__init__(bottom_z_m=bottom_z_m, rotary=rotary, turns=turns)
         self._has_emergency_parser = has_emergency_parser
         self._last_number, self._is_relative = 0, False
         self._answer: list[str] = []  # said once it stands still
@@ -97,6 +99,7 @@ class EmulatedMarlin(EmulatedMachine):
         elif code == "M114":
             (x, y, z), turned = _axes(self, self.blocks[-1].end)
             more = f" {self.rotary.letter}:{turned:.4f}" if self.rotary else ""
+            more += "".join(f" {axis}:{angle:.2f}" for axis, angle in self.turned.items())
             self.say(f"X:{x:.4f} Y:{y:.4f} Z:{z:.4f}{more} E:0.00 Count X:0 Y:0 Z:0")
         elif code == "M400":
             self._answer, self._noted_s = ["ok"], time.monotonic()
@@ -121,8 +124,8 @@ class EmulatedMarlin(EmulatedMachine):
 class EmulatedGrbl(EmulatedMachine):
     """Realtime ?, ! and reset; alarm lock until it is homed."""
 
-    def __init__(self, *, bottom_z_m: float = -0.1, rotary: Rotary | None = None) -> None:
-        super().__init__(bottom_z_m=bottom_z_m, rotary=rotary)
+    def __init__(self, *, bottom_z_m: float = -0.1, rotary: Rotary | None = None, turns: str = "") -> None:
+        super().__init__(bottom_z_m=bottom_z_m, rotary=rotary, turns=turns)
         self._is_locked, self._is_held, self._has_hit = True, False, False
 
     def greet(self) -> None:
@@ -157,7 +160,7 @@ class EmulatedGrbl(EmulatedMachine):
             self._alarm(1)
         state = "Alarm" if self._is_locked else "Hold:0" if self._is_held else "Run" if self.is_moving() else "Idle"
         (x, y, z), turned = _axes(self, self.reported())
-        more = "" if turned is None else f",{turned:.3f}"
+        more = "".join(f",{v:.3f}" for v in [*([] if turned is None else [turned]), *self.turned.values()])
         self.say(f"<{state}|MPos:{x:.3f},{y:.3f},{z:.3f}{more}|FS:0,0>")
 
     def obey(self, line: str) -> None:

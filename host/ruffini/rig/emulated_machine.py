@@ -38,7 +38,7 @@ class Block(NamedTuple):
 class EmulatedMachine:
     """Motion and line of a machine on a pty; dialects say what it answers. `with` runs it."""
 
-    def __init__(self, *, bottom_z_m: float = -0.1, rotary: Rotary | None = None) -> None:
+    def __init__(self, *, bottom_z_m: float = -0.1, rotary: Rotary | None = None, turns: str = "") -> None:
         self._board, host = pty.openpty()
         self._host = host
         tty.setraw(host)
@@ -48,6 +48,7 @@ class EmulatedMachine:
         self.slip = Place(0.0, 0.0, 0.0)  # steps that the motors lost
         self.bottom_z_m = bottom_z_m  # of its lower limit switch
         self.rotary = rotary  # turns what is pressed: x is then the way round it
+        self.turned = dict.fromkeys(turns, 0.0)  # degrees of the axes that tilt what is pressed
         self.is_homed, self.is_deaf = False, False
         self.received: list[str] = []
         self._stop = threading.Event()

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import re
 import time
+from collections.abc import Mapping
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.gcode_line import GcodeLine
-from ruffini.rig.stage import Guard, Place, Rotary, moves, no_guard
+from ruffini.rig.stage import Guard, Place, Rotary, check_turned, moves, no_guard, turning
 
 BAUD = 115200
 START_S, ANSWER_S, HOME_S, REPORT_S, HOLD_S = 3.0, 15.0, 120.0, 0.02, 2.0
@@ -36,7 +37,7 @@ class Grbl:
         self._rotary = rotary
         self._aside_m = 0.0  # of the machine's own x axis from its place above a tube
         self._line = GcodeLine(port, baud)
-        self._is_homed = False
+        self._is_homed, self._axes = False, list[float]()  # as reported last, mm and degrees
         try:
             self._reset()
         except BaseException:
@@ -96,6 +97,15 @@ class Grbl:
             time.sleep(REPORT_S / 2)
         raise NoDeviceError(f"{self.name} does not arrive at {place} within {timeout_s:.0f} s: is it blocked?")
 
+    def turn(self, degrees: Mapping[str, float]) -> None:
+        self._command(f"G53 G1 {turning(degrees)}", ANSWER_S)
+        deadline = time.monotonic() + ANSWER_S
+        while self._report()[0] != "Idle":
+            if time.monotonic() > deadline:
+                raise NoDeviceError(f"{self.name} still turns after {ANSWER_S:g} s: is it blocked?")
+            time.sleep(REPORT_S)
+        check_turned(self.name, degrees, dict(zip(AXES, self._axes, strict=False)))
+
     def halt(self) -> None:
         self._line.send(b"!")
         deadline = time.monotonic() + HOLD_S
@@ -132,6 +142,7 @@ class Grbl:
         raise NoDeviceError(f"{self.name} does not report its state for {ANSWER_S:g} s: is it plugged in?")
 
     def _place(self, axes: list[float]) -> Place:
+        self._axes = axes
         x_m, y_m, z_m = (1e-3 * v for v in axes[:3])
         if self._rotary is None:
             return Place(x_m, y_m, z_m)

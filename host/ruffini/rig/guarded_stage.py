@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,8 +78,18 @@ class GuardedStage:
         self.stage, self.limits = stage, limits
         self._origin, self._fresh_force_of = origin, fresh_force_of or force_of
         self._guards = [force_guard("the reference", force_of, limits.max_force_n), *guards]
-        self.surface = ContactSurface()
+        self.surface, self._is_tip_known = ContactSurface(), True
+        self._aside = Place(0.0, 0.0, 0.0)
         self.free_until_s = 0.0  # host_clock.now() until which nothing touched, in the last approach
+        self.way_down: list[tuple[float, float]] = []  # its last stops: height, m, and force, N
+
+    def change_tip(self, aside: Place) -> None:
+        """Another tip is mounted, or the pad turned, whose middle then lies `aside` of where it was at first.
+
+        The next approach is slow all the way down, and heights count from where it touches.
+        """
+        self._origin, self._aside = self._origin.minus(self._aside).plus(aside), aside
+        self.surface, self._is_tip_known = ContactSurface(), False
 
     def place(self) -> Place:
         """Position of the tip."""
@@ -111,11 +121,11 @@ class GuardedStage:
                                "tare the reference, and look what hangs on it")  # fmt: skip
         known_m = self.surface.expected(x_m, y_m)
         near_m = self.limits.near_m if known_m is None else known_m + NEAR_M + APPROACH_STEP_M
-        z_m = min(self.limits.top_m, near_m)
+        z_m = min(self.limits.top_m, near_m) if self._is_tip_known else self.limits.top_m
         if z_m < self.limits.top_m:
             self._move(Place(x_m, y_m, z_m), APPROACH_M_S)
-        steps = [host_clock.now()]
-        while self._force_n() < CONTACT_N:
+        steps, felt = [host_clock.now()], [(z_m, self._force_n())]
+        while felt[-1][1] < CONTACT_N:
             steps.append(host_clock.now())
             z_m -= APPROACH_STEP_M
             if z_m < self.limits.bottom_m:
@@ -123,7 +133,11 @@ class GuardedStage:
                     f"no contact at {self.place()}: is the pad below the tip, and the reference connected to it?"
                 )
             self._move(Place(x_m, y_m, z_m), APPROACH_M_S)
+            felt.append((z_m, self._force_n()))
+        self.way_down = felt[-FREE_STEPS:]
         self.free_until_s = steps[-min(len(steps), FREE_STEPS)]
+        if not self._is_tip_known:
+            self._origin, z_m, self._is_tip_known = self._origin.plus(Place(0.0, 0.0, z_m)), 0.0, True
         self.surface.check(x_m, y_m, z_m, LOST_STEPS_M + APPROACH_STEP_M)
         return z_m
 
@@ -191,6 +205,7 @@ class DryStage:
     def __init__(self, start: Place) -> None:
         self._place = start
         self.moves: list[Place] = []
+        self.turned: dict[str, float] = {}
         self.duration_s = 0.0
 
     def home(self) -> None:
@@ -204,6 +219,9 @@ class DryStage:
         self.duration_s += self._place.distance(place) / speed_m_s
         self._place = place
         self.moves.append(place)
+
+    def turn(self, degrees: Mapping[str, float]) -> None:
+        self.turned = dict(degrees)
 
     def halt(self) -> None:
         self.moves.append(self._place)

@@ -6,15 +6,17 @@ import contextlib
 import functools
 import re
 import time
+from collections.abc import Mapping
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.gcode_line import GcodeLine
-from ruffini.rig.stage import Guard, Place, Rotary, moves, no_guard
+from ruffini.rig.stage import Guard, Place, Rotary, check_turned, moves, no_guard, turning
 
 BAUD = 115200
 START_S, ANSWER_S, HOME_S, HALT_S = 5.0, 15.0, 120.0, 10.0  # a long move without "busy" answers late
 MAX_RESENDS = 5
 POSITION = re.compile(r"X:(-?[\d.]+) Y:(-?[\d.]+) Z:(-?[\d.]+)")
+TURNED = re.compile(r" ([ABCUVW]):(-?[\d.]+)")
 RESEND = re.compile(r"(?:Resend|rs):?\s*N?(\d+)", re.IGNORECASE)
 
 
@@ -75,6 +77,12 @@ class Marlin:
                 with contextlib.suppress(RuffiniError):
                     self.halt()
             raise
+
+    def turn(self, degrees: Mapping[str, float]) -> None:
+        self._command(f"G1 {turning(degrees)}", ANSWER_S)
+        self._command("M400", ANSWER_S)
+        reported = TURNED.findall(" ".join(self._command("M114", ANSWER_S)))
+        check_turned(self.name, degrees, {axis: float(angle) for axis, angle in reported})
 
     def halt(self) -> None:
         """At once with Marlin's EMERGENCY_PARSER, else at the end of the move: so moves near the pad are short."""

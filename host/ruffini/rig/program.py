@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
+from ruffini.rig import holder
+from ruffini.rig.holder import UPRIGHT, Tilt
 from ruffini.rig.log_file import ACTIVITY, TouchRecord
 from ruffini.rig.placed_weight import MAX_GRAMS, SCALE_SIGMA_G
 from ruffini.rig.units import GRAVITY_M_S2
@@ -29,6 +31,8 @@ CONDITIONS = (
 )  # fmt: skip
 MIN_COSINE = 0.8  # between the load that was asked for and the one that came
 MIN_PART = 0.4  # of the load that was asked for
+DRAWN_SHAPES = ("flat", "sphere", "square", "sphere", "triangle", "sphere")  # in turn: half of them are balls
+DRAWN_RADIUS_M, DRAWN_SHORE_A = (4.2e-3, 5.5e-3), (20.0, 85.0)  # such that no press of 1.7 mm is above 15 N
 SCALE = "scale"  # kind of a touch that a person holds while a kitchen scale is read
 MAX_CHANGE = 0.15  # of a press that a person holds while the scale is read
 
@@ -59,32 +63,41 @@ class Touch(NamedTuple):
 
 
 class Tool(NamedTuple):
-    """An indenter: its shape, half its size, and its hardness."""
+    """An indenter: its shape, half its size, its hardness, and its name on a bench that has one."""
 
     shape: str
     radius_m: float
     shore_a: float
+    name: str = ""
 
     def told(self) -> str:
         """For a person."""
-        return f"{self.shape} of {1e3 * self.radius_m:.1f} mm, Shore A {self.shore_a:.0f}"
+        told = f"{self.shape} of {2e3 * self.radius_m:.1f} mm, Shore A {self.shore_a:.0f}"
+        return f"{self.name} ({told})" if self.name else told
 
 
 class Indent(NamedTuple):
-    """A straight press of an indenter that is put there for it: all of the way down counts."""
+    """A straight press of an indenter that is mounted for it: all of the way down counts."""
 
     tool: Tool
     x_m: float
     y_m: float
     depth_m: float
     hold_s: float = 0.0  # nothing is learned of standing still
+    tilt_deg: Tilt = UPRIGHT  # of what is pressed
 
     @property
     def kind(self) -> str:
         return "indent"
 
+    @property
+    def press(self) -> Touch:
+        """What the stage does once the indenter is mounted."""
+        return Touch(self.x_m, self.y_m, self.depth_m, hold_s=self.hold_s)
+
     def told(self) -> str:
-        return f"{self.tool.told()}, at {_mm(self.x_m, self.y_m)}, {1e3 * self.depth_m:.2f} mm deep"
+        turned = "" if self.tilt_deg == UPRIGHT else f", {holder.told(self.tilt_deg)}"
+        return f"{self.tool.told()}, at {_mm(self.x_m, self.y_m)}, {1e3 * self.depth_m:.2f} mm deep{turned}"
 
     def faults(self, record: TouchRecord) -> list[str]:
         return []
@@ -211,12 +224,20 @@ class ByHand(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Where a program touches and how deep, metres."""
+    """Where a program touches and how deep, metres; indenters and tilts of the bench, if it lists some."""
 
     half_x_m: float
     half_y_m: float
     deepest_m: float
     shear_m: float
+    tools: tuple[Tool, ...] = ()
+    tilts_deg: tuple[Tilt, ...] = ()
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What a log keeps of it: the plan follows from the lists of indenters and tilts."""
+        tilts = {"tilts_deg": [list(tilt) for tilt in self.tilts_deg]} if self.tilts_deg else {}
+        return {"indenters": [tool._asdict() for tool in self.tools], **tilts} if self.tools else {}
 
     def inside(self, part: float) -> Span:
         """The middle of it, so large a part along x and along y."""
@@ -330,17 +351,38 @@ def _conditions(_: Span, n: int, __: np.random.Generator, by_hand: ByHand) -> li
     return [loads[i % len(loads)] for i in range(n)]
 
 
+def _drawn(n: int, rng: np.random.Generator) -> list[Tool]:
+    """Indenters of sizes and hardnesses spread over their ranges."""
+    radius, shore = (rng.permutation(np.linspace(*ends, n)) for ends in (DRAWN_RADIUS_M, DRAWN_SHORE_A))
+    # A seed of its own has sizes of its own, too.
+    step = (DRAWN_RADIUS_M[1] - DRAWN_RADIUS_M[0]) / n
+    radius = np.clip(radius + rng.uniform(-0.4, 0.4, n) * step, *DRAWN_RADIUS_M)
+    shapes = (DRAWN_SHAPES[i % len(DRAWN_SHAPES)] for i in range(n))
+    return [Tool(*one) for one in zip(shapes, radius.tolist(), shore.tolist(), strict=True)]
+
+
+def _indents(span: Span, n: int, rng: np.random.Generator, _: ByHand) -> list[Item]:
+    """Places spread; the bench's indenters one after the other, each at all tilts; of the twin's bench drawn ones."""
+    listed = [(tool, tilt) for tool in span.tools for tilt in span.tilts_deg or (UPRIGHT,)]
+    setups = [listed[i * len(listed) // n] for i in range(n)] if listed else [(t, UPRIGHT) for t in _drawn(n, rng)]
+    return [
+        Indent(tool, float((2 * x - 1) * span.half_x_m), float((2 * y - 1) * span.half_y_m), span.deepest_m,
+               tilt_deg=tilt)
+        for (tool, tilt), (x, y, _) in zip(setups, spread(n, rng), strict=True)
+    ]  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Program:
     """What a collection presses, and what its bench is like.
 
-    items : its plan; None: `cal auto` or the person has one.
+    items : its plan; None: the person has one.
     n : touches, unless another number is asked for.
     is_by_stage : a machine moves the tip, and not a person.
     is_bolted : the reference is bolted to the sensor, and its drawing says where.
     is_of_scale : a person reads the reference off a kitchen scale under the sensor.
     is_of_csv : another program writes the reference.
-    changes_tools : by indenters of many sizes and hardnesses, which no machine of `cal auto` changes.
+    changes_tools : by indenters of many sizes and hardnesses, which a person mounts.
     weight_sigma_g : of the weights, where these are the reference themselves.
     reference_hz, frame_step : of a twin, where a press of it is long; None: its body's.
     """
@@ -368,7 +410,7 @@ PROGRAMS = {
         Program("free", _free),
         Program("conditions", _conditions, n=len(CONDITIONS), is_bolted=True),
         Program(
-            "indenters", is_by_stage=True, is_bolted=True, changes_tools=True, reference_hz=0.8, frame_step=3
+            "indenters", _indents, is_by_stage=True, is_bolted=True, changes_tools=True, reference_hz=0.8, frame_step=3
         ),  # long presses, and a soft body takes long to compute
         Program("log", is_of_csv=True),
     )

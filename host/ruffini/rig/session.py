@@ -13,6 +13,7 @@ from ruffini.boards import Board
 from ruffini.device import Connection
 from ruffini.rig.bench import MAX_HOLD_S, Bench, Person
 from ruffini.rig.guarded_stage import GuardedStage, Limits, force_guard
+from ruffini.rig.holder import Holder
 from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.program import Tool
 from ruffini.rig.reference import Reference
@@ -56,6 +57,7 @@ class Parts(SensorParts):
     stage: Stage | None = field(default=None, kw_only=True)
     origin: Place = field(default=Place(0.0, 0.0, 0.0), kw_only=True)
     mount: Callable[[Tool], None] | None = field(default=None, kw_only=True)
+    holder: Holder | None = field(default=None, kw_only=True)
 
 
 def open_real(
@@ -72,7 +74,8 @@ def open_real(
         raise
     stack.callback(stage.close)
     return Parts(sensor, person, reference=reference, max_force_n=max_force_n, stage=stage,
-                 origin=settings.stage.origin(board))  # fmt: skip
+                 origin=settings.stage.origin(board),
+                 holder=None if settings.holder is None else settings.holder.of(board))  # fmt: skip
 
 
 class Watched(NamedTuple):
@@ -130,5 +133,6 @@ def ready_bench(parts: Parts, board: Board, limits: Limits | None, key: Guard = 
         weight = parts.reference if isinstance(parts.reference, PlacedWeight) else None
         yield Bench(
             watch, watched.stream, watched.bad_flags, parts.person, parts.max_force_n, stage, guard, weight,
-            watched.session, parts.pace.longest_gap_s, parts.pace.max_hold_s, parts.mount,
+            watched.session, parts.pace.longest_gap_s, parts.pace.max_hold_s, parts.mount, holder=parts.holder,
+            pictures_on_way=board.writes("tool_touch"),
         )  # fmt: skip

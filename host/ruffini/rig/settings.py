@@ -17,6 +17,15 @@ rotary_origin_deg = 0.0     # its position there
 [tip]                       # what touches the pad
 shape = "sphere"
 diameter_mm = 6.0
+[[indenters]]               # of program indenters, instead of [tip]: each that a person can mount
+name = "A1"                 # as written on it
+shape = "square"            # sphere, flat (a disc), square, hexagon, triangle, ring; other: none of these
+size_mm = 10.0              # diameter; of a square or hexagon across its flats, of a triangle its side
+shore_a = 40.0              # without it: rigid
+[holder]                    # of a fingertip: turned to each of these angles
+tilts_deg = [[0.0, 0.0], [20.0, 0.0], [0.0, -35.0]]   # roll, pitch of the tip's axis in the fingertip's (holder.py)
+axes = ["A", "-B"]          # of a five-axis stage, which turns it itself: outer and inner; - if it turns the other way
+pivot_mm = 22.0             # from the top down to where its axes meet; without it: the middle of the sphere
 [limits]                    # without a stage only max_force_n
 half_x_mm = 8.0
 half_y_mm = 6.0
@@ -42,10 +51,12 @@ from ruffini.files import readable
 from ruffini.rig.grbl import Grbl
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.hid_scale import HidScale
+from ruffini.rig.holder import Holder
 from ruffini.rig.i2c_cell import I2cCell
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.network_cell import NetworkCell, fetch_settings
 from ruffini.rig.placed_weight import SCALE_SIGMA_G, PlacedWeight
+from ruffini.rig.program import Span, Tool
 from ruffini.rig.reference import Reference
 from ruffini.rig.stage import Place, Rotary, Stage
 from ruffini.rig.text_cell import TextCell
@@ -55,9 +66,12 @@ from ruffini.rig.units import force_factor
 Positive = Annotated[float, Field(gt=0, le=1e4)]
 Six = Annotated[list[Positive], Field(min_length=6, max_length=6)]
 Mm = Annotated[float, Field(ge=-2000, le=2000)]
+Degrees = Annotated[float, Field(ge=-60, le=60)]
+TiltPair = Annotated[list[Degrees], Field(min_length=2, max_length=2)]
 Axes = Annotated[list[Annotated[str, Field(pattern="^[+-][xyz]$")]], Field(min_length=3, max_length=3)]
 
 
+RIGID_SHORE_A = 98.0  # the scale ends at 100
 SCALE_MAX_N = 10.0  # by hand
 SERIAL_SCALE_N, SERIAL_SCALE_HZ = 50.0, 2.0  # range and rate of a serial one, as stated
 
@@ -208,6 +222,35 @@ class TipSettings(_Section):
     diameter_mm: Positive
 
 
+class IndenterSettings(_Section):
+    """What a person mounts on the stage."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    shape: Literal["sphere", "flat", "square", "hexagon", "triangle", "ring", "other"]
+    size_mm: Positive
+    shore_a: Annotated[float, Field(gt=0, le=RIGID_SHORE_A)] = RIGID_SHORE_A
+
+    @property
+    def tool(self) -> Tool:
+        """As a program mounts it."""
+        return Tool(self.shape, self.size_mm / 2e3, self.shore_a, self.name)
+
+
+class HolderSettings(_Section):
+    """What turns a fingertip under the tip."""
+
+    tilts_deg: Annotated[list[TiltPair], Field(min_length=1)]
+    pivot_mm: Positive | None = None
+    axes: Annotated[list[Annotated[str, Field(pattern="^-?[ABCUVW]$")]], Field(min_length=2, max_length=2)] | None = (
+        None
+    )
+
+    def of(self, board: Board) -> Holder:
+        """With this board's fingertip in it."""
+        radius_mm = 5e-4 * board.pad.size_x_um
+        return Holder(1e-3 * ((self.pivot_mm or radius_mm) - radius_mm), tuple(self.axes or ()))
+
+
 class LimitSettings(_Section):
     """Soft limits from the pad's centre."""
 
@@ -250,6 +293,27 @@ class RigSettings(_Section):
     limits: LimitSettings
     stage: StageSettings | None = None
     tip: TipSettings | None = None
+    indenters: list[IndenterSettings] = []
+    holder: HolderSettings | None = None
+
+    def with_tools(self, span: Span) -> Span:
+        """Pressed with the indenters of this bench, one after the other, and at its holder's tilts.
+
+        Raises
+        ------
+        InputError
+            The file lists no indenter, or two of one name.
+        """
+        names = [one.name for one in self.indenters]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise InputError(f"two [[indenters]] are named {min(twice)!r}: a person could not tell which to mount")
+        if not names:
+            raise InputError(
+                "program indenters presses with several shapes and sizes: list those of this bench as [[indenters]] in "
+                "its file (host/ruffini/rig/README.md)"
+            )
+        tilts = () if self.holder is None else tuple((roll, pitch) for roll, pitch in self.holder.tilts_deg)
+        return span._replace(tools=tuple(one.tool for one in self.indenters), tilts_deg=tilts)
 
 
 def scale_rig(port: str = "") -> RigSettings:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ruffini.errors import NoDeviceError
+
 Guard = Callable[[], None]  # raises where the move must not go on
+
+
+TURN_DEG_S, TURNED_DEG = 10.0, 0.05  # with the tip up; off by no more
 
 
 class Place(NamedTuple):
@@ -67,6 +72,18 @@ def moves(place: Place, speed_m_s: float, rotary: Rotary | None) -> list[str]:
     return [f"Z{z:.4f} {feed}", turn, f"X{1e3 * rotary.x_m:.4f} Y{y:.4f} {feed}"]
 
 
+def turning(degrees: Mapping[str, float]) -> str:
+    """Words of the G1 command that turns axes."""
+    return " ".join([*(f"{axis}{angle:.3f}" for axis, angle in degrees.items()), f"F{60 * TURN_DEG_S:.1f}"])
+
+
+def check_turned(name: str, degrees: Mapping[str, float], reported: Mapping[str, float]) -> None:
+    """Raises NoDeviceError if an axis does not stand where it was turned to."""
+    for axis, angle in degrees.items():
+        if abs(reported.get(axis, math.inf) - angle) > TURNED_DEG:
+            raise NoDeviceError(f"{name} has not turned its axis {axis} to {angle:g} degrees: check [holder] axes")
+
+
 def no_guard() -> None:
     """A guard that never stops a move."""
 
@@ -95,6 +112,9 @@ class Stage(Protocol):
         NoDeviceError
             It was unplugged, was reset, or does not arrive.
         """
+
+    def turn(self, degrees: Mapping[str, float]) -> None:
+        """Axes that turn what is pressed, by their G-code words; returns when they stand there. Raises as `move`."""
 
     def halt(self) -> None:
         """Stand still as soon as it can, and be ready for a move after that."""

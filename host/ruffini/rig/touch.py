@@ -25,6 +25,7 @@ TWISTED = "condition"  # kind of touch that may have a moment and no force
 SEEN_PART = 0.1  # of the reference's force: a sensor that is yet to be calibrated sees more than that
 FREE_N = CONTACT_N / 2  # of the reference after the tip was lifted
 FIELDS_KEPT, IMAGES_KEPT = 4, 4  # of a hold: they are all alike
+REST_IMAGES_KEPT = 4  # if there is one at every step of an indenter
 WAY_IMAGES_KEPT = 8  # between the contact and the hold, if nothing else is kept of it
 REST_FIELDS_KEPT = 8  # of before it: 16 touches then tell the noise of the untouched pad
 MARKERS_KEPT = 40
@@ -173,11 +174,13 @@ def _kept(window: Window, facts: dict[str, Any]) -> Arrays:
     if features:
         out["feature_s"] = np.array([f.stream_s for f in features])
         out["feature"] = np.array([f.value for f in features])
-    images = [i for i in window.images if i.stream_s in free][-1:]
+    n_free = REST_IMAGES_KEPT if facts.get("is_pictured") else 1
+    images = [i for i in window.images if i.stream_s in free][-n_free:]
     if not (window.fields or markers or features):  # what rubber forgets follows from how the force grew
         way = {s.stream_s for s in window.frames if facts["touched_host_s"] < s.host_s <= facts["held_host_s"]}
         images += _spread([i for i in window.images if i.stream_s in way], WAY_IMAGES_KEPT)
-    images += _spread([i for i in window.images if i.stream_s in held], IMAGES_KEPT - 1)
+    of_hold = [i for i in window.images if i.stream_s in held]
+    images += of_hold if facts.get("is_pictured") else _spread(of_hold, IMAGES_KEPT - 1)
     if images:
         out["image_s"] = np.array([i.stream_s for i in images])
         out["image"] = np.array([i.pixels for i in images])

@@ -22,7 +22,6 @@ from ruffini.calibrate.gates import gates_in
 from ruffini.cli import main
 from ruffini.errors import RefusedError
 from ruffini.estimators.contact_model.task import TASK as CONTACT
-from ruffini.estimators.contact_model.task import TOOLS
 from ruffini.estimators.operator.task import TASK as FORCES
 from ruffini.estimators.operator.task import judged_touches
 from ruffini.estimators.skin.task import TASK as SKIN
@@ -32,7 +31,7 @@ from ruffini.estimators.wrench.task import TASK as WRENCH
 from ruffini.estimators.wrench.task import judged_loads
 from ruffini.rig.emulated_person import _loads
 from ruffini.rig.log_file import Log, TouchRecord, write_log
-from ruffini.rig.program import CONDITIONS, Condition, Indent, Span, Touch
+from ruffini.rig.program import CONDITIONS, DRAWN_SHAPES, Condition, Indent, Span, Touch
 from ruffini.sim.units import fleet_error
 
 Array = npt.NDArray[np.float64]
@@ -80,7 +79,7 @@ def test_indenters_are_half_balls_of_sizes_and_hardnesses_that_no_judged_one_has
     judged = [i for i in CONTACT.judged(span, 6, 1001) if isinstance(i, Indent)]
     assert len(fitted) == 18
     assert sum(i.tool.shape == "sphere" for i in fitted) == 9
-    assert {i.tool.shape for i in judged} == set(TOOLS)
+    assert {i.tool.shape for i in judged} == set(DRAWN_SHAPES)
     assert not {i.tool.radius_m for i in fitted} & {i.tool.radius_m for i in judged}
     assert np.ptp([i.tool.shore_a for i in fitted]) > 60
     places = np.array([(i.x_m, i.y_m) for i in fitted])

@@ -10,14 +10,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
-from typer.testing import CliRunner
 
 from ruffini.boards import find_board
 from ruffini.calibrate.auto import fingertip as auto_tip
 from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm, row_of, than_before, truth_of
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack, read
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
-from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.device.results import Contact
 from ruffini.errors import InputError, RefusedError
@@ -27,7 +25,7 @@ from ruffini.estimators.fingertip.field import kernel, places
 from ruffini.estimators.fingertip.presses import axes
 from ruffini.estimators.fingertip.report import figures_of
 from ruffini.estimators.fingertip.stage import FINGERTIP
-from ruffini.estimators.table import reported_by
+from ruffini.estimators.table import reported_by, task_of
 from ruffini.estimators.task import Turned
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.reproduce.runs import runs_of
@@ -38,7 +36,8 @@ from ruffini.wire import Schema
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "stereo-fingertip")
 N_REST = BOARD.pipeline.n_rest_frames + 2
 WAYS = (400, 900, 1400)  # um
-TASK = Turned("fingertip", "presses.toml", "mN mean of force")
+TASK = task_of(BOARD)
+assert isinstance(TASK, Turned)
 VALID, INVALID, VIEW_LOST = 1, 3, 16384
 REPORT: dict[str, Any] = {
     "n_presses": 30,
@@ -98,11 +97,7 @@ def test_progress_is_told_at_tenths_with_the_time_that_is_left() -> None:
     assert said == ["presses: 52 %", "presses: 62 %; 15 s to go", "presses: 100 %; 0 s to go"]
 
 
-def test_a_real_bench_is_refused_and_the_twins_eyes_are_10_mm_apart(tmp_path: Path) -> None:
-    words = ["cal", "auto", "--board", str(BOARD.folder), "--rig", str(tmp_path / "rig.toml")]
-    done = CliRunner().invoke(app, words)
-    assert isinstance(done.exception, InputError)
-    assert "--only fingertip" in str(done.exception)
+def test_the_twins_eyes_are_10_mm_apart() -> None:
     assert eyes_apart_mm(BOARD) == 10
     with pytest.raises(InputError, match="two eyes"):
         eyes_apart_mm(find_board("gelslim"))

@@ -121,6 +121,20 @@ def test_depth_kind_and_hardness_of_objects_that_were_not_fitted(board: Board, p
         assert depth[5:] == pytest.approx(true_sizes(new)[5:, 0], abs=0.15)
 
 
+def test_a_load_cell_teaches_the_normal_force_alone(
+    board: Board, presses: list[Press], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ruffini.estimators.contact_model.tables.MOST_FOLDS", 2)
+    monkeypatch.setattr("ruffini.estimators.contact_model.tables.FAILS_FOLDS", 2)
+    monkeypatch.setattr("ruffini.estimators.contact_model.perceptron.MAX_STEPS", 20)
+    monkeypatch.setattr("ruffini.estimators.contact_model.fit.N_BESIDE", 0)
+    some = [p for p in presses if p.radius_mm < 8 and p.shore_a != 50]
+    pressed = [replace(p, force=p.force * [0, 0, 1, 0, 0, 0]) for p in some]
+    tensors, metadata = tables(board, fit_contact(board, pressed, lambda _: None), features_of(board))
+    assert json.loads(metadata["residuals"])["wrench"]["not_measured"] == ["Fx", "Fy", "Tx", "Ty", "Tz"]
+    assert np.flatnonzero(tensors["wrench.full_scale"]).tolist() == [2]
+
+
 def test_tables_say_what_the_fit_says(
     board: Board, presses: list[Press], rings: list[Press], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -64,9 +64,9 @@ def test_what_is_not_chosen_is_what_the_boards_estimator_is_fitted_to(run: Run, 
         board: json.loads(run("cal", "collect", "--board", board, "--rig", benches.get(board, rig), *words)[1])[
             "program"
         ]
-        for board in ("gelslim", "ftouch", "eltac", "stereo-fingertip", "gelsight-wedge")
+        for board in ("gelslim", "ftouch", "eltac", "gelsight-wedge")
     }
-    assert programs == {"gelslim": "grid", "ftouch": "conditions", "eltac": "balls", "stereo-fingertip": "grid",
+    assert programs == {"gelslim": "grid", "ftouch": "conditions", "eltac": "balls",
                         "gelsight-wedge": "balls"}  # fmt: skip
 
 

@@ -105,8 +105,8 @@ def test_what_is_missing_is_one_sentence() -> None:
         "digit-tactile": "with Calibrate in the page, or `ruffini cal auto`",
         "ftouch": "by `ruffini cal auto`",
         "eltac": "by `ruffini cal auto`",
-        "contact-glitter": "by `ruffini cal fit --only contact`",
-        "stereo-fingertip": "by `ruffini cal fit --only fingertip`",
+        "contact-glitter": "by `ruffini cal auto`",
+        "stereo-fingertip": "by `ruffini cal auto`",
     }.items():
         said = what_is_missing(find_board(board), nothing)
         assert f"no newtons until it is calibrated {how}" in said

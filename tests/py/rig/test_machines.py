@@ -249,3 +249,17 @@ def test_a_machine_without_the_axis_says_so(kind: str) -> None:
         with pytest.raises(NoDeviceError, match=r"check \[stage\] rotary_axis"):
             stage.position()
         stage.close()
+
+
+@pytest.mark.parametrize(("emulated", "driver"), [(EmulatedMarlin, Marlin), (EmulatedGrbl, Grbl)])
+def test_a_five_axis_stage_turns_what_is_pressed_or_says_that_it_has_no_such_axis(emulated, driver):
+    with emulated(turns="AB") as machine:
+        stage = driver(machine.port)
+        stage.home()
+        stage.turn({"A": -30.0, "B": 20.0})
+        assert machine.turned == {"A": -30.0, "B": 20.0}
+        stage.move(stage.position().plus(Place(1e-3, 0.0, 0.0)), 0.03)
+        assert machine.turned == {"A": -30.0, "B": 20.0}
+        with pytest.raises(NoDeviceError, match=r"has not turned its axis C.*check \[holder\] axes"):
+            stage.turn({"C": 10.0})
+        stage.close()

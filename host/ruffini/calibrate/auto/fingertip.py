@@ -6,8 +6,7 @@
 3. flashed to a real daemon where its gates pass
 4. every judged press is played through that daemon; what comes over its line is held against the twin's truth
 
-The machine that turns a fingertip under its tools is the twin's alone: on a real bench record such presses and use
-`ruffini cal fit --only fingertip`. What was made is kept: the same command goes on.
+On a bench a person turns the fingertip: `ruffini.calibrate.auto.run`. What was made is kept: the same command goes on.
 """
 
 from __future__ import annotations

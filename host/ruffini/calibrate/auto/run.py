@@ -67,6 +67,7 @@ class Site(NamedTuple):
     tip: dict[str, Any] | None
     is_simulated: bool
     points: Path | None = None  # known points of a tube's lens
+    baseline_mm: float | None = None  # between the eyes of a fingertip
 
 
 @dataclass
@@ -155,7 +156,7 @@ class Auto:
     def _fit(self, path: Path, first: CalibrationFile | None) -> tuple[CalibrationFile, list[Gate]]:
         parts = [first] if first is not None and self.previous is None else []
         job = Job(self.board, [path], self.previous, parts, points=self.site.points,
-                  n_error_touches=self.counts.error_touches)  # fmt: skip
+                  baseline_mm=self.site.baseline_mm, n_error_touches=self.counts.error_touches)  # fmt: skip
         outcomes = run_stages(job, frozenset(), tell=lambda name, outcome, _: self._tell(name, outcome))
         more = [] if first is None else [self._than_before(path, outcomes)]
         more += [gate for part in parts for gate in gates_in(part) or []]
@@ -188,7 +189,7 @@ class Auto:
         path = self.folder / f"{name}.h5"
         facts = {
             "board": self.board.name, "program": program, "seed": seed, "n": len(touches), "tip": self.site.tip,
-            "rig": "sim" if self.site.is_simulated else "bench",
+            "rig": "sim" if self.site.is_simulated else "bench", **self.site.span.facts,
         }  # fmt: skip
         if path.exists():
             self.say(f"{name}: {path} is there")

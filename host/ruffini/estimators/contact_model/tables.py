@@ -49,6 +49,7 @@ FAILS_FOLDS, REFUSED_WRONGLY = 4, 0.01
 WEIGHT_DECAY = 0.05  # of the kind's log odds, each sign over its spread
 TOUCH_FALL, TOUCH_N = 0.004, 0.09  # least fall of the density (four times its noise at rest), the paper's touch (IV-A)
 LEAST_ERROR = 5e-3  # of a load: no reference is better
+LEAST_FULL = 1e-9  # N, N mm: of an axis that nothing ever loads
 LIGHT = 0.15  # of the largest load: below, errors do not grow with it
 SHIFT_WHITE, Z_ONE = 20, 8
 SIZE_STEP = np.array([2.0**-12, 2.0**-12, 1e-3, 1e-3])
@@ -268,17 +269,18 @@ def _table_errors(tensors: Tensors, nets: dict[str, tuple[Perceptron, Array]], f
 
 
 def _wrench_fit(board: Board, fit: ContactFit) -> Fit:
-    """K with its covariance; axes that the board does not measure are not told."""
+    """K with its covariance; axes that the board does not measure, or the log's reference, are not told."""
     left = fit.by_size
     error = np.concatenate(left.wrench)
     presses = left.presses
     wrench = _wrenches(fit.model, presses)
-    full = np.abs(wrench).max(axis=0)
+    full = np.maximum(np.abs(wrench).max(axis=0), LEAST_FULL)
     spread = np.maximum(wrench.std(axis=0), 1e-12)
     rows = np.stack([_vectors(part) for part in _covariances(fit, full)])
     gain = fit.model.wrench.gain / PX
     n = gain.shape[1]
     told = np.array([name not in board.board.not_measured for name in QUANTITIES])
+    told &= np.any([p.force.any(axis=0) for p in presses], axis=0)
     condition = float(np.linalg.cond((gain / full[:, None])[told]))
     rows *= told
     found = WrenchMap(gain, full * told, np.zeros((6, len(PAIRS[0]))), np.zeros((len(TIMES_S), 6)), np.zeros((n, 27)),

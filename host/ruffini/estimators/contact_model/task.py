@@ -10,15 +10,16 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.fit.job import Outcome
+from ruffini.errors import InputError
+from ruffini.estimators.contact_model.log import FACES, HERTZIAN, LEAST_SHORE
 from ruffini.estimators.task import Counts, Task, Word, joined
 from ruffini.rig.found import is_held
 from ruffini.rig.log_file import CONTACT_SHORE, Log, TouchRecord
-from ruffini.rig.program import Indent, Item, Span, Tool, span_of, spread
+from ruffini.rig.program import Item, Span, plan, span_of
 
 Array = npt.NDArray[np.float64]
 
-TOOLS = ("flat", "sphere", "square", "sphere", "triangle", "sphere")  # in turn: half of them are balls
-TOOL_RADIUS_M, TOOL_SHORE_A = (4.2e-3, 5.5e-3), (20.0, 85.0)  # such that no press is above 15 N
+LEAST_SIZES, LEAST_HARDNESSES = 2, 3  # each size and each flat shape is judged by a fit without it
 TOOL_PLACE_M = (2.2e-3, 1.8e-3)  # from the middle: the texture beside the contact is what tells
 
 
@@ -53,17 +54,25 @@ def _contact_left_out(outcomes: dict[str, Outcome]) -> float:
 
 
 def indents(span: Span, n: int, seed: int) -> Sequence[Item]:
-    """Indenters of sizes and hardnesses spread over their ranges, each at a place of its own."""
-    rng = np.random.default_rng(seed)
-    radius, shore = (rng.permutation(np.linspace(*ends, n)) for ends in (TOOL_RADIUS_M, TOOL_SHORE_A))
-    # A seed of its own has sizes of its own, too.
-    step = (TOOL_RADIUS_M[1] - TOOL_RADIUS_M[0]) / n
-    radius = np.clip(radius + rng.uniform(-0.4, 0.4, n) * step, *TOOL_RADIUS_M)
-    return [
-        Indent(Tool(TOOLS[i % len(TOOLS)], float(radius[i]), float(shore[i])), float((2 * x - 1) * span.half_x_m),
-               float((2 * y - 1) * span.half_y_m), span.deepest_m)
-        for i, (x, y, _) in enumerate(spread(n, rng))
-    ]  # fmt: skip
+    """Presses of the bench's indenters, or of drawn ones, each at a place of its own."""
+    return plan("indenters", span, n, seed)
+
+
+def check(span: Span) -> None:
+    """Raises InputError if no size and no shape could be left out of a fit to a bench's indenters."""
+    if span.tilts_deg:
+        raise InputError("a contact model is fitted to straight presses: take [holder] out of the bench's file")
+    tools = span.tools
+    faces = [tool for tool in tools if tool.shape in FACES]
+    balls = {tool.radius_m for tool in tools if tool.shape in HERTZIAN}
+    n_hard = len({tool.shore_a for tool in tools if tool.shore_a >= LEAST_SHORE})
+    few = min(len({tool.shape for tool in faces}), len({tool.radius_m for tool in faces}), len(balls))
+    if few < LEAST_SIZES or n_hard < LEAST_HARDNESSES:
+        raise InputError(
+            f"a contact model is fitted to flat faces of {LEAST_SIZES} shapes ({', '.join(FACES)}) and {LEAST_SIZES} "
+            f"sizes, balls of {LEAST_SIZES} sizes, and {LEAST_HARDNESSES} hardnesses of Shore A {LEAST_SHORE:g} or "
+            "more, at least: list more [[indenters]] in the bench's file"
+        )
 
 
 def _about_the_middle(board: Board, depth_m: float, shear_m: float, reach_m: tuple[float, float] | None) -> Span:
@@ -75,5 +84,5 @@ def _about_the_middle(board: Board, depth_m: float, shear_m: float, reach_m: tup
 TASK = Task(
     "contact", "indenters", Counts(0, 72, 24, 0), Counts(0, 18, 6, 0), 1.7, 0.0, 6.0,
     "% of the largest normal force, RMS", _about_the_middle, indents, indents, _indent_word, _indent_figures,
-    _contact_left_out,
+    _contact_left_out, check=check,
 )  # fmt: skip

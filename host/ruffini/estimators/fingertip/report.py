@@ -17,6 +17,7 @@ from ruffini.calibrate.report.page import about, range_table, report_head
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 from ruffini.estimators.fingertip.fit import LEAST, TOUCHES
+from ruffini.estimators.fingertip.log import press_roots
 from ruffini.estimators.fingertip.presses import FORCE, PITCH, ROLL, WAY, Progress, X, Y, told_of
 from ruffini.estimators.skin.presses import press_folders
 from ruffini.frames import Frames
@@ -90,19 +91,19 @@ def tip_report_of(
     board: Board, file: CalibrationFile, paths: list[Path], previous: CalibrationFile | None, progress: Progress
 ) -> tuple[dict[str, Any], Judged]:
     """Everything but the gates; raises as `judged_presses`."""
-    part = 1.0 if previous is None else 0.5
-    rows = judged_presses(board, file, paths, lambda done: progress(part * done))
-    before = None
-    if previous is not None:
-        before = judged_presses(board, previous, paths, lambda done: progress(part + (1 - part) * done)).figures()
+    part, before = 1.0 if previous is None else 0.5, None
+    with press_roots(paths, board) as roots:
+        rows = judged_presses(board, file, roots, lambda done: progress(part * done))
+        if previous is not None:
+            before = judged_presses(board, previous, roots, lambda done: progress(part + (1 - part) * done)).figures()
+        is_simulated = any((folder / "run.json").is_file() for root in roots for folder in press_folders(root))
     sources = {path.name: file_sha256(path) for path in paths}
-    folders = [folder for path in paths for folder in press_folders(path)]
     ranges = {name: rows.true[:, column] for name, column in NAMES.items()}
     return {
         "board": board.name, "calibration": about(file),
         "log": {"files": sources, "touches": len(np.unique(rows.press)), "frames": len(rows.press),
                 "in_the_fit": all(sha in file.metadata.get("residuals", "") for sha in sources.values()),
-                "simulated": any((folder / "run.json").is_file() for folder in folders)},
+                "simulated": is_simulated},
         "fingertip": rows.figures(), "previous": before, "accuracy_of_presses": [],
         "valid_for": {**{name: [float(v.min()), float(v.max())] for name, v in ranges.items()},
                       "temperature_c": celsius_ranges([])},

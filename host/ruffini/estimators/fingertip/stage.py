@@ -13,8 +13,10 @@ from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.fingertip.command import COMMAND
 from ruffini.estimators.fingertip.fit import fit_fingertip
+from ruffini.estimators.fingertip.log import press_roots
 from ruffini.estimators.fingertip.report import full_n, tip_report_of, write_tip_page
 from ruffini.estimators.fingertip.tables import tables
+from ruffini.estimators.fingertip.task import TASK
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.task import Turned
 
@@ -22,14 +24,14 @@ MAX_FORCE, MAX_WAY_MM, MAX_TILT_DEG = 0.05, 0.1, 5.0  # of presses left out, mea
 
 
 class Fingertip(Estimator):
-    """A tool on a fingertip with pins; a fit takes a folder of presses, `frames/` and `press.csv` each."""
+    """A tool on a fingertip with pins; a fit takes a log, or a folder of presses, `frames/` and `press.csv` each."""
 
     name = COMMAND.name
     command = COMMAND
     kinds = ("fingertip",)
     is_reported = True
     needed = ("fingertip",)
-    task = Turned("fingertip", "presses.toml", "mN mean of force")
+    task = Turned("fingertip", "presses.toml", TASK.unit, TASK)
 
     def applies(self, board: Board) -> bool:
         return "fingertip" in board.pipeline.stages
@@ -38,8 +40,9 @@ class Fingertip(Estimator):
         if job.baseline_mm is None:
             raise InputError("the distance of the two eyes is not known: give --baseline-mm")
         if len(job.paths) != 1:
-            raise InputError(f"{len(job.paths)} logs: a fingertip is fitted to one folder of presses")
-        fit = fit_fingertip(job.board, job.paths[0], job.baseline_mm, progress, only=job.pattern)
+            raise InputError(f"{len(job.paths)} logs: a fingertip is fitted to one log, or to one folder of presses")
+        with press_roots(job.paths, job.board) as (root,):
+            fit = fit_fingertip(job.board, root, job.baseline_mm, progress, only=job.pattern)
         tensors, metadata = tables(fit)
         job.tensors |= tensors
         job.metadata |= metadata
