@@ -55,9 +55,9 @@ def adapt(runs: list[FeatureRun], prior: WrenchMap) -> Fit:
     if not is_told.any():
         raise InputError(f"--prior: fewer than {LEAST_TOUCHES} touches load an axis that this calibration measures")
     errors = np.zeros_like(said)
-    for i, touch in enumerate(touches):
+    for left_out, touch in enumerate(touches):
         left = frames.touch == touch
-        gain = _gain(np.delete(by_touch, i, axis=0), is_told)
+        gain = _gain(np.delete(by_touch, left_out, axis=0), is_told)
         errors[left] = (gain * said[left] - frames.wrench[left]) * is_told
     gain = _gain(by_touch, is_told)
     spread = np.maximum(frames.wrench.std(axis=0), 1e-12)
