@@ -1,30 +1,41 @@
 #include "hw/output_line.h"
 
-#include <fcntl.h>
-#include <linux/gpio.h>
-#include <sys/ioctl.h>
+#include <gpiod.h>
 
 #include <cerrno>
-#include <cstdint>
 #include <cstring>
 #include <utility>
-
-#include "base/unique_fd.h"
 
 namespace ruffini {
 namespace {
 
-class KernelLine final : public OutputLine {
+template <typename T>
+using Owned = std::unique_ptr<T, void (*)(T*)>;
+
+class GpiodLine final : public OutputLine {
  public:
-  explicit KernelLine(UniqueFd fd) : fd_(std::move(fd)) {}
+  GpiodLine(Owned<gpiod_line_request> request, unsigned offset) : request_(std::move(request)), offset_(offset) {}
+  // One system call and no allocation (libgpiod 2.2 and 2.3): the strobe and the reflex are set in the frame path.
   bool set(bool is_on) override {
-    gpio_v2_line_values values{.bits = is_on ? uint64_t{1} : uint64_t{0}, .mask = 1};
-    return ::ioctl(fd_.get(), GPIO_V2_LINE_SET_VALUES_IOCTL, &values) == 0;
+    const auto value = is_on ? GPIOD_LINE_VALUE_ACTIVE : GPIOD_LINE_VALUE_INACTIVE;
+    return gpiod_line_request_set_value(request_.get(), offset_, value) == 0;
   }
 
  private:
-  UniqueFd fd_;
+  Owned<gpiod_line_request> request_;
+  unsigned offset_;
 };
+
+// Null, and errno, if it is not granted. An output of new settings is off.
+Owned<gpiod_line_request> request_output(gpiod_chip* chip, unsigned offset) {
+  const Owned<gpiod_line_settings> settings(gpiod_line_settings_new(), gpiod_line_settings_free);
+  const Owned<gpiod_line_config> lines(gpiod_line_config_new(), gpiod_line_config_free);
+  const Owned<gpiod_request_config> request(gpiod_request_config_new(), gpiod_request_config_free);
+  gpiod_line_settings_set_direction(settings.get(), GPIOD_LINE_DIRECTION_OUTPUT);
+  gpiod_line_config_add_line_settings(lines.get(), &offset, 1, settings.get());
+  gpiod_request_config_set_consumer(request.get(), "ruffinid");
+  return {gpiod_chip_request_lines(chip, request.get(), lines.get()), gpiod_line_request_release};
+}
 
 Error unavailable(const std::string& what, const char* remedy) {
   return {ErrorKind::kUnavailable, "gpio: " + what + ": " + remedy};
@@ -34,29 +45,23 @@ Error unavailable(const std::string& what, const char* remedy) {
 
 Result<std::unique_ptr<OutputLine>> open_output_line(const std::string& chip, const std::string& name) {
   const std::string path = chip.find('/') == std::string::npos ? "/dev/" + chip : chip;
-  const UniqueFd device(::open(path.c_str(), O_RDWR | O_CLOEXEC));
-  gpiochip_info info{};
-  if (!device || ::ioctl(device.get(), GPIO_GET_CHIPINFO_IOCTL, &info) != 0) {
+  const Owned<gpiod_chip> device(gpiod_chip_open(path.c_str()), gpiod_chip_close);
+  if (!device) {
     return unavailable(path + " is no GPIO chip that can be used (" + std::strerror(errno) + ")",
                        "check the chip in board.toml (gpiodetect lists them) and the permissions");
   }
-  for (uint32_t offset = 0; offset < info.lines; ++offset) {
-    gpio_v2_line_info line{};
-    line.offset = offset;
-    if (::ioctl(device.get(), GPIO_V2_GET_LINEINFO_IOCTL, &line) != 0 || name != line.name) continue;
-    gpio_v2_line_request request{};
-    request.offsets[0] = offset;
-    request.num_lines = 1;
-    std::strcpy(request.consumer, "ruffinid");
-    request.config.flags = GPIO_V2_LINE_FLAG_OUTPUT;
-    if (::ioctl(device.get(), GPIO_V2_GET_LINE_IOCTL, &request) != 0) {
-      const char* reason = std::strerror(errno);
-      return unavailable("line \"" + name + "\" of " + path + " cannot be had (" + reason + ")",
-                         line.consumer[0] == '\0' ? "check the permissions" : "stop what uses it (gpioinfo names it)");
-    }
-    return std::unique_ptr<OutputLine>(std::make_unique<KernelLine>(UniqueFd(request.fd)));
+  const int offset = gpiod_chip_get_line_offset_from_name(device.get(), name.c_str());
+  if (offset < 0) {
+    return unavailable(path + " has no line \"" + name + "\"",
+                       "check the line in board.toml (gpioinfo lists the names)");
   }
-  return unavailable(path + " has no line \"" + name + "\"", "check the line in board.toml (gpioinfo lists the names)");
+  auto request = request_output(device.get(), static_cast<unsigned>(offset));
+  if (!request) {
+    const int reason = errno;
+    return unavailable("line \"" + name + "\" of " + path + " cannot be had (" + std::strerror(reason) + ")",
+                       reason == EBUSY ? "stop what uses it (gpioinfo names it)" : "check the permissions");
+  }
+  return std::unique_ptr<OutputLine>(std::make_unique<GpiodLine>(std::move(request), static_cast<unsigned>(offset)));
 }
 
 }  // namespace ruffini

@@ -1,5 +1,4 @@
-// One output line of a GPIO chip, through the kernel's interface (linux/gpio.h, version 2), which libgpiod 1 and 2 of
-// the two Debian releases share.
+// One output line of a GPIO chip, through libgpiod 2.
 #pragma once
 
 #include <memory>

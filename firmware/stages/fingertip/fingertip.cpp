@@ -18,7 +18,6 @@ constexpr int64_t kMaxTilt = 900'000;  // of the tool's axis beside the pressed 
 constexpr int64_t kMaxValue = int64_t{1} << 30;
 constexpr int64_t kMaxSigma = int64_t{1} << 28;
 static_assert(kSureArea * 2 * kMaxValue * kMaxSigma < int64_t{1} << 62);
-constexpr int kUnit = 14;
 using Vector = TipField::Vector;
 
 // 2^q, linear between whole q, Q16; q within -12 and 8.
@@ -27,12 +26,6 @@ int64_t power_of_two_q16(int64_t q_q16) {
   const int64_t whole = q >> 16;
   const int64_t mantissa = 65536 + (q & 65535);
   return whole >= 0 ? mantissa << whole : mantissa >> -whole;
-}
-
-Vector turned_back(const TipField::Matrix& r, const Vector& v) {
-  Vector out;
-  for (size_t i = 0; i < 3; ++i) out[i] = round_shift(r[i] * v[0] + r[3 + i] * v[1] + r[6 + i] * v[2], kUnit);
-  return out;
 }
 
 int64_t held(int64_t value, int64_t limit, SaturationCounter& saturations) {
@@ -115,14 +108,14 @@ void Fingertip::rotate_back(const Numbers& value, TipTouch& touch) const {
     ty = rounded_div(ty * kMaxTilt, tilt);
   }
   const int64_t tz = root_left(tx, ty);
-  const Vector t = turned_back(field_.turn(), {tx, ty, tz});
-  touch.axis_1e6 = t;
+  const Vector t = TipField::rounded(field_.turn().transpose() * Vector(tx, ty, tz));
+  touch.axis_1e6 = {t[0], t[1], t[2]};
   const int64_t cos_roll = root_left(t[1], 0);
   touch.roll_urad = atan2_urad(-t[1], cos_roll);
   touch.pitch_urad = atan2_urad(t[0], t[2]);
   // The tool's position is perpendicular to its axis.
   const int64_t along = rounded_div(-(value[kX] * tx + value[kY] * ty), tz);
-  const Vector at = turned_back(field_.turn(), {value[kX], value[kY], along});
+  const Vector at = TipField::rounded(field_.turn().transpose() * Vector(value[kX], value[kY], along));
   const auto part = [&](int64_t of) { return std::clamp(rounded_div(of * kMillion, cos_roll), -kMillion, kMillion); };
   const int64_t sin_pitch = part(t[0]), cos_pitch = part(t[2]);
   const int64_t level = rounded_div(sin_pitch * at[0] + cos_pitch * at[2], kMillion);
@@ -168,7 +161,7 @@ TipTouch Fingertip::estimate(std::span<const Marker> markers, Eyes eyes, Saturat
   touch.sigma = {sigma[kForce], sigma[kWay], place, place, tilt, tilt, 2 * std::abs(value[kSide]) * sigma[kSide]};
   const int64_t area_um2 = value[kSide] * value[kSide];
   if (kSureArea * touch.sigma[6] <= area_um2) touch.area_um2 = area_um2;
-  touch.place_q14 = field_.middle();
+  std::copy_n(field_.middle().data(), 3, touch.place_q14.begin());
   rotate_back(value, touch);
   if (area_ && eyes == Eyes::kBoth) estimate_areas(touch);
   return touch;
@@ -176,7 +169,7 @@ TipTouch Fingertip::estimate(std::span<const Marker> markers, Eyes eyes, Saturat
 
 // Uses the table's face area if the network's is too uncertain and the table's is not.
 void Fingertip::estimate_areas(TipTouch& touch) {
-  const TipAreas areas = area_->run(field_, touch.axis_1e6, touch.force_un, touch.travel_um);
+  const TipAreas areas = area_->run(field_, Vector(touch.axis_1e6.data()), touch.force_un, touch.travel_um);
   touch.flat_area_um2 = areas.flat_area_um2;
   touch.flat_area_sigma_um2 = areas.flat_area_sigma_um2;
   if (touch.area_um2 != 0 || !touch.is_known || areas.face_um2 == 0 ||

@@ -69,12 +69,9 @@ Result<std::optional<TipArea>> TipArea::load(const Calibration& c) {
 }
 
 void TipArea::find_heights(const TipField& field, const Vector& axis_1e6) {
-  const Vector t = field.turned_to_top(axis_1e6);
+  const Vector t = TipField::rounded(field.turn() * axis_1e6);
   for (size_t i = 0; i < ray_.size(); ++i) {
-    const Vector u = field.at(ray_[i]);
-    int64_t sum = 0;
-    for (size_t k = 0; k < 3; ++k) sum += t[k] * (round_shift(tip_ * ray_[i][k], 14) + u[k]);
-    height_[i] = floor_div(sum, 1'000'000);
+    height_[i] = floor_div(t.dot(TipField::rounded(tip_ * ray_[i]) + field.at(ray_[i])), 1'000'000);
   }
 }
 

@@ -4,14 +4,12 @@
 #include <cstdlib>
 #include <string>
 
-#include "base/fixed.h"
 #include "solve/node_sigma.h"
 
 namespace ruffini {
 namespace {
 
-constexpr int kUnit = 14;  // fraction bits of directions
-constexpr int64_t kOne = int64_t{1} << kUnit;
+constexpr int64_t kOne = int64_t{1} << TipField::kUnit;
 constexpr int64_t kFloor = (1 << 15) / 20;       // of the sum of kernels, Q15
 constexpr int64_t kMaxShift = int64_t{1} << 24;  // of a marker, Q16 px
 constexpr int64_t kMaxMoved = int64_t{1} << 18;  // 16 mm
@@ -32,20 +30,11 @@ bool are_within(std::span<const int32_t> values, int64_t limit) {
   return std::all_of(values.begin(), values.end(), [&](int32_t v) { return v >= -limit && v <= limit; });
 }
 
-int64_t dot(const TipField::Vector& a, const TipField::Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-TipField::Vector turned(const TipField::Matrix& r, const TipField::Vector& v) {
-  TipField::Vector out;
-  for (size_t i = 0; i < 3; ++i) {
-    out[i] = round_shift(r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2], kUnit);
-  }
-  return out;
-}
-
 // Shortest rotation from c to (0, 0, 1). Precondition: c_z > -1.
 TipField::Matrix turn_to_top(const TipField::Vector& c) {
-  const auto part = [&](size_t i, size_t j) { return floor_div(c[i] * c[j] + (kOne + c[2]) / 2, kOne + c[2]); };
-  return {kOne - part(0, 0), -part(0, 1), -c[0], -part(0, 1), kOne - part(1, 1), -c[1], c[0], c[1], c[2]};
+  const auto part = [&](int i, int j) { return floor_div(c[i] * c[j] + (kOne + c[2]) / 2, kOne + c[2]); };
+  return TipField::Matrix{
+      {kOne - part(0, 0), -part(0, 1), -c[0]}, {-part(0, 1), kOne - part(1, 1), -c[1]}, {c[0], c[1], c[2]}};
 }
 
 }  // namespace
@@ -87,9 +76,9 @@ Result<TipField> TipField::load(const Calibration& c) {
     for (size_t eye = 0; eye < kEyes; ++eye) {
       pin.rest_q8[eye] = {r[(eye * n_values + p) * 2], r[(eye * n_values + p) * 2 + 1]};
     }
-    std::copy_n(v.begin() + static_cast<ptrdiff_t>(3 * p), 3, pin.normal.begin());
+    std::copy_n(v.begin() + static_cast<ptrdiff_t>(3 * p), 3, pin.normal.data());
     for (size_t mode = 0; mode < pin.gain.size(); ++mode) {
-      std::copy_n(m.begin() + static_cast<ptrdiff_t>(12 * (mode * n_values + p)), 12, pin.gain[mode].begin());
+      std::copy_n(m.begin() + static_cast<ptrdiff_t>(12 * (mode * n_values + p)), 12, pin.gain[mode].data());
     }
     pin.still = still_of(pin.gain[static_cast<size_t>(Eyes::kBoth)]);
   }
@@ -133,93 +122,78 @@ int TipField::n_pins_there(Eyes eyes) const {
 bool TipField::find_middle() {
   int64_t most = 0;
   for (const Pin& pin : pin_) {
-    if (pin.is_used) most = std::max(most, -round_shift(dot(pin.moved, pin.normal), kUnit));
+    if (pin.is_used) most = std::max(most, -round_shift(pin.moved.dot(pin.normal), kUnit));
   }
   if (most < min_press_) return false;
   const int64_t floor = most * 77 >> 8;
-  Vector sum{};
+  Vector sum = Vector::Zero();
   for (const Pin& pin : pin_) {
     if (!pin.is_used) continue;
-    const int64_t weight = std::max<int64_t>(-round_shift(dot(pin.moved, pin.normal), kUnit) - floor, 0);
-    for (size_t i = 0; i < 3; ++i) sum[i] += weight * pin.normal[i];
+    sum += std::max<int64_t>(-round_shift(pin.moved.dot(pin.normal), kUnit) - floor, 0) * pin.normal;
   }
-  while (std::max({std::abs(sum[0]), std::abs(sum[1]), std::abs(sum[2])}) >= int64_t{1} << 30) {
+  while (sum.cwiseAbs().maxCoeff() >= int64_t{1} << 30) {
     for (int64_t& each : sum) each = round_shift(each, 1);
   }
-  const int64_t length = std::max<int64_t>(floor_sqrt(dot(sum, sum)), 1);
-  for (size_t i = 0; i < 3; ++i) middle_[i] = floor_div(sum[i] * kOne * 2 + length, 2 * length);
+  const int64_t length = std::max<int64_t>(floor_sqrt(sum.squaredNorm()), 1);
+  for (int i = 0; i < 3; ++i) middle_[i] = floor_div(sum[i] * kOne * 2 + length, 2 * length);
   return middle_[2] > 0;
 }
 
 TipField::Vector TipField::at(const Vector& g) const {
-  Vector sum{};
+  Vector sum = Vector::Zero();
   int64_t weight = kFloor;
   for (const Pin& pin : pin_) {
     if (!pin.is_used) continue;
-    const int64_t x = pin.turned[0] - g[0], y = pin.turned[1] - g[1], z = pin.turned[2] - g[2];
-    const int64_t step = (x * x + y * y + z * z) >> 13;  // of Q28
+    const int64_t step = (pin.turned - g).squaredNorm() >> 13;  // of Q28
     if (step >= kKernelSteps) continue;
     const int64_t k = kernel_[static_cast<size_t>(step)];
     weight += k;
-    for (size_t i = 0; i < 3; ++i) sum[i] += k * pin.moved[i];
+    sum += k * pin.moved;
   }
   for (int64_t& each : sum) each = floor_div(2 * each + weight, 2 * weight);
   return sum;
 }
 
-TipField::Vector TipField::turned_to_top(const Vector& v) const { return turned(turn_, v); }
-
 void TipField::sample() {
   for (Pin& pin : pin_) {
-    pin.moved = turned(turn_, pin.moved);
-    pin.turned = turned(turn_, pin.normal);
+    pin.moved = rounded(turn_ * pin.moved);
+    pin.turned = rounded(turn_ * pin.normal);
   }
   auto out = features_.begin();
   for (const Vector& g : place_) {
     for (const int64_t each : at(g)) *out++ = static_cast<int32_t>(each);
   }
-  for (size_t i = 0; i < 2; ++i) *out++ = static_cast<int32_t>(round_shift(middle_[i] * kPlaceWeight, kUnit));
+  for (int i = 0; i < 2; ++i) *out++ = static_cast<int32_t>(round_shift(middle_[i] * kPlaceWeight, kUnit));
 }
 
 // Vector perpendicular to the rows of M: signed determinants of three of its columns.
-TipField::Shifts TipField::still_of(const std::array<int64_t, 12>& gain) {
-  std::array<int64_t, 12> m = gain;
-  int64_t largest = 1;
-  for (const int64_t each : m) largest = std::max(largest, std::abs(each));
-  for (; largest >= 1 << 19; largest >>= 1) {
-    for (int64_t& each : m) each >>= 1;
+TipField::Shifts TipField::still_of(Gain m) {
+  for (int64_t largest = m.cwiseAbs().maxCoeff(); largest >= 1 << 19; largest >>= 1) {
+    for (int64_t& each : m.reshaped()) each >>= 1;
   }
-  Shifts n{};
-  int64_t most = 1;
-  for (size_t out = 0; out < 4; ++out) {
-    std::array<size_t, 3> c{};
-    for (size_t i = 0; i < 3; ++i) c[i] = i + (i >= out ? 1 : 0);
-    const auto pair = [&](size_t i, size_t j) { return m[4 + c[i]] * m[8 + c[j]] - m[4 + c[j]] * m[8 + c[i]]; };
-    n[out] = (m[c[0]] * pair(1, 2) - m[c[1]] * pair(0, 2) + m[c[2]] * pair(0, 1)) * (out % 2 == 0 ? 1 : -1);
-    most = std::max(most, std::abs(n[out]));
+  Shifts n;
+  for (int out = 0; out < 4; ++out) {
+    const std::array<int, 3> c{out > 0 ? 0 : 1, out > 1 ? 1 : 2, out > 2 ? 2 : 3};
+    const auto pair = [&](size_t i, size_t j) { return m(1, c[i]) * m(2, c[j]) - m(1, c[j]) * m(2, c[i]); };
+    n[out] = (m(0, c[0]) * pair(1, 2) - m(0, c[1]) * pair(0, 2) + m(0, c[2]) * pair(0, 1)) * (out % 2 == 0 ? 1 : -1);
   }
-  for (; most >= 1 << 29; most >>= 1) {
+  for (int64_t most = n.cwiseAbs().maxCoeff(); most >= 1 << 29; most >>= 1) {
     for (int64_t& each : n) each >>= 1;
   }
-  const int64_t length = std::max<int64_t>(floor_sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3]), 1);
+  const int64_t length = std::max<int64_t>(floor_sqrt(n.squaredNorm()), 1);
   for (int64_t& each : n) each = floor_div(each * kOne, length);
   return n;
 }
 
 bool TipField::is_contradicted(const Pin& pin, const Shifts& shift) {
-  int64_t apart = 0, square = 0;
-  for (size_t i = 0; i < 4; ++i) {
-    apart += pin.still[i] * shift[i];
-    square += shift[i] * shift[i];
-  }
-  return std::abs(round_shift(apart, kUnit)) > kMaxApart + floor_sqrt(square) / 32;
+  return std::abs(round_shift(pin.still.dot(shift), kUnit)) > kMaxApart + floor_sqrt(shift.squaredNorm()) / 32;
 }
 
 void TipField::move(Pin& pin, std::span<const Marker> markers, Eyes eyes) {
-  pin.moved = {};
+  pin.moved.setZero();
   pin.is_used = pin.is_there(eyes);
   if (!pin.is_used) return;
-  Shifts shift{};
+  std::array<int64_t, 4> seen{};
   bool are_both_sure = true;
   for (size_t eye = 0; eye < kEyes; ++eye) {
     const bool is_asked = eyes != (eye == 0 ? Eyes::kRight : Eyes::kLeft);
@@ -228,20 +202,17 @@ void TipField::move(Pin& pin, std::span<const Marker> markers, Eyes eyes) {
     pin.is_used = pin.is_used && (is_confident || !is_asked);
     if (!is_confident) continue;
     const Marker& m = markers[static_cast<size_t>(pin.marker[eye])];
-    shift[2 * eye] = std::clamp<int64_t>(m.displacement_x.raw(), -kMaxShift, kMaxShift);
-    shift[2 * eye + 1] = std::clamp<int64_t>(m.displacement_y.raw(), -kMaxShift, kMaxShift);
+    seen[2 * eye] = std::clamp<int64_t>(m.displacement_x.raw(), -kMaxShift, kMaxShift);
+    seen[2 * eye + 1] = std::clamp<int64_t>(m.displacement_y.raw(), -kMaxShift, kMaxShift);
   }
+  const Shifts shift(seen.data());
   if (are_both_sure && is_contradicted(pin, shift)) {
     pin.is_used = false;
     ++n_contradicted_;
   }
   if (!pin.is_used) return;
-  const auto& gain = pin.gain[static_cast<size_t>(eyes)];
-  for (size_t i = 0; i < 3; ++i) {
-    int64_t sum = 0;
-    for (size_t k = 0; k < 4; ++k) sum += gain[4 * i + k] * shift[k];
-    pin.moved[i] = std::clamp(round_shift(sum, 20), -kMaxMoved, kMaxMoved);
-  }
+  pin.moved = pin.gain[static_cast<size_t>(eyes)] * shift;
+  for (int64_t& each : pin.moved) each = std::clamp(round_shift(each, 20), -kMaxMoved, kMaxMoved);
 }
 
 bool TipField::run(std::span<const Marker> markers, Eyes eyes) {

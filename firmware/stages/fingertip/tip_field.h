@@ -15,12 +15,14 @@
 // load().
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
 #include <vector>
 
+#include "base/fixed.h"
 #include "base/result.h"
 #include "image/markers.h"
 #include "store/calibration.h"
@@ -41,10 +43,12 @@ class TipField {
   static constexpr int64_t kMaxPins = 2'048;
   static constexpr int64_t kMaxPlaces = 512;
   static constexpr int64_t kEyes = 2;
+  static constexpr int kUnit = 14;                // fraction bits of directions
   static constexpr int64_t kKernelSteps = 2'048;  // of |R n - g|^2, each 2^-15
-  using Vector = std::array<int64_t, 3>;
-  using Matrix = std::array<int64_t, 9>;  // by rows, Q14
-  using Shifts = std::array<int64_t, 4>;  // x and y of the left, then of the right eye
+  using Vector = Eigen::Matrix<int64_t, 3, 1>;
+  using Matrix = Eigen::Matrix<int64_t, 3, 3>;  // Q14
+  using Gain = Eigen::Matrix<int64_t, 3, 4, Eigen::RowMajor>;
+  using Shifts = Eigen::Matrix<int64_t, 4, 1>;  // x and y of the left, then of the right eye
 
   // Errors: kBadInput.
   [[nodiscard]] static Result<TipField> load(const Calibration& calibration);
@@ -62,20 +66,23 @@ class TipField {
   [[nodiscard]] size_t n_features() const { return features_.size(); }
   [[nodiscard]] const Matrix& turn() const { return turn_; }      // R
   [[nodiscard]] const Vector& middle() const { return middle_; }  // c
-  // The field at a direction about the top, and R times a vector.
+  // The field at a direction about the top.
   [[nodiscard]] Vector at(const Vector& direction) const;
-  [[nodiscard]] Vector turned_to_top(const Vector& v) const;
+  // A product with directions, in the unit of the other factor.
+  [[nodiscard]] static Vector rounded(const Vector& product) {
+    return product.unaryExpr([](int64_t each) { return round_shift(each, kUnit); });
+  }
 
  private:
   struct Pin {
     std::array<std::array<int64_t, 2>, kEyes> rest_q8{};  // px
-    Vector normal{};
+    Vector normal = Vector::Zero();
     std::array<int, kEyes> marker{-1, -1};
-    std::array<std::array<int64_t, 12>, static_cast<size_t>(Eyes::kCount)> gain{};  // M, um per px Q8
-    Shifts still{};                                                                 // n of both eyes, Q14
-    Vector moved{};                                                                 // u
-    Vector turned{};                                                                // R n
-    bool is_used = false;                                                           // in this frame
+    std::array<Gain, static_cast<size_t>(Eyes::kCount)> gain;  // M, um per px Q8
+    Shifts still = Shifts::Zero();                             // n of both eyes, Q14
+    Vector moved = Vector::Zero();                             // u
+    Vector turned = Vector::Zero();                            // R n
+    bool is_used = false;                                      // in this frame
 
     [[nodiscard]] bool is_there(Eyes eyes) const {
       return (marker[0] >= 0 || eyes == Eyes::kRight) && (marker[1] >= 0 || eyes == Eyes::kLeft);
@@ -83,7 +90,7 @@ class TipField {
   };
   [[nodiscard]] static int nearest(std::span<const Marker> markers, const std::array<int64_t, 2>& place_q8,
                                    int64_t gate_q8);
-  [[nodiscard]] static Shifts still_of(const std::array<int64_t, 12>& gain);
+  [[nodiscard]] static Shifts still_of(Gain m);
   [[nodiscard]] static bool is_contradicted(const Pin& pin, const Shifts& shift);
   void move(Pin& pin, std::span<const Marker> markers, Eyes eyes);
   bool find_middle();
@@ -96,8 +103,8 @@ class TipField {
   int n_contradicted_ = 0;
   int64_t gate_q8_ = 0;    // of a pin at rest from its calibrated position
   int64_t min_press_ = 0;  // smallest -n . u of a touch
-  Vector middle_{};
-  Matrix turn_{};
+  Vector middle_ = Vector::Zero();
+  Matrix turn_ = Matrix::Zero();
 };
 
 }  // namespace ruffini
