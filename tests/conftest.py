@@ -20,7 +20,8 @@ import pytest
 from hang import HANG_S
 from kept import cache_folder
 
-from ruffini.api.sensor import Sensor
+os.environ["RUFFINI_PATIENCE"] = "20"  # before the host is imported: it waits as long as a guard against a hang
+
 from ruffini.device import Connection, connection, ports
 
 COSTS = "module_seconds.json"
@@ -74,18 +75,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(scope="session", autouse=True)
 def _patient_host() -> Iterator[None]:
-    """On a busy computer a kernel moves what was written to a pseudo-terminal when it comes to it, and a daemon answers
-    and sends frames when it has its turn: what waits in a process of the tests waits as long as any guard.
+    """The kernel of a busy computer moves what was written to a pseudo-terminal when it comes to it; a daemon that just
+    put a calibration in force answers after it.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ports, "WRITE_TIMEOUT_S", HANG_S)
         patch.setattr(Connection.__init__, "__kwdefaults__", {"hello_timeout_s": connection.BUSY_HELLO_S})
-        n_tries = int(HANG_S / connection.REPLY_TIMEOUT_S)
-        patch.setattr(Connection.command, "__kwdefaults__", {"waits_s": (connection.REPLY_TIMEOUT_S,) * n_tries})
-        patch.setattr(connection, "SILENCE_S", HANG_S)  # for modules that are imported later
-        for module in ("api.sensor", "record.mcap_file", "view.scale_calibration", "device.zeroing"):
-            patch.setattr(f"ruffini.{module}.SILENCE_S", HANG_S)
-        patch.setattr(Sensor.read, "__defaults__", (HANG_S,))
         yield
 
 

@@ -89,12 +89,15 @@ def test_watch(sensor: Sensor, tmp_path: Path) -> None:
         path = tmp_path / "c.safetensors"
         path.write_bytes(sensor.calibration)
         ask("cal", "flash", str(path), port=daemon.port)
-        code, out, _ = run_host("monitor", "--n", "5", "--json", port=daemon.port)
+        code, out, _ = run_host("monitor", "--n", "12", "--json", port=daemon.port)
         lines = [json.loads(line) for line in out.splitlines()]
         assert code == 0
-        assert len(lines) == 5
+        assert len(lines) == 12
         assert all(line["simulated"] and line["replay"] for line in lines)
-        assert all(line["contacts"]["frame"] == line["frame"] for line in lines)
+        # Parts of frames are left out for a reader that has no turn.
+        told = [line for line in lines if line["contacts"] is not None]
+        assert told
+        assert all(line["contacts"]["frame"] == line["frame"] for line in told)
         picture = tmp_path / "snapshot.png"
         shown = ask("snapshot", "--out", str(picture), port=daemon.port)
         assert (shown["file"], shown["simulated"], shown["validity"]) == (str(picture), True, [1, 1, 1])

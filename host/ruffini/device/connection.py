@@ -24,11 +24,14 @@ from ruffini.wire.damage import DamageWatch
 
 HELLO_TIMEOUT_S = 2.0
 BUSY_HELLO_S = 20.0  # a busy device answers late: it is asked for so long while it sends messages
+PATIENCE = float(
+    os.environ.get("RUFFINI_PATIENCE", "1")
+)  # factor on the waits below, for a computer that is far too busy
 REPLY_TIMEOUT_S, TRIES = 0.5, 12
 RETRIES = 3
 REOPEN_PAUSE_S = 0.02
 REOPEN_HELLO_S = 0.6  # a sensor that was just plugged in answers, or the next try will
-SILENCE_S = 5.0  # without a frame: the camera has stalled
+SILENCE_S = 5.0 * PATIENCE  # without a frame: the camera has stalled
 IMAGE_S = 3 * SILENCE_S  # without an image, which takes seconds on a slow line
 MAX_TURN_S = 0.5  # an iteration of a stream waits 20 ms for bytes; a longer one was suspended or did other work
 MAX_ASKED = 4096  # pending time exchanges
@@ -318,7 +321,7 @@ class Connection:
                 return Schema(message.file_descriptor_set)
         raise NoDeviceError(f"{self.port}: the device does not serve its schema")
 
-    def command(self, *, waits_s: Sequence[float] = (REPLY_TIMEOUT_S,) * TRIES, **action: Any) -> Any:
+    def command(self, *, waits_s: Sequence[float] = (REPLY_TIMEOUT_S,) * int(TRIES * PATIENCE), **action: Any) -> Any:
         """Send one command, e.g. command(zero={"n_frames": 0}), and return its reply; retries reuse the request id.
 
         Parameters

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import select
+import sys
+import termios
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -20,7 +23,8 @@ NOT_PLAYED = ("HELLO", "SCHEMA", "REPLY", "TIME", "COMMAND", "SIGNED_COMMAND")
 MAX_WAITING_BYTES = 1 << 20  # queued for a host that does not read; beyond it results are dropped, replies are not
 REMEMBERED = 256  # frames whose playback time is kept, for late results
 TURN_S = 0.02
-END_S = 1.0  # time for the host to read the last bytes
+QUIET_S = 1.0  # a pty that appears empty may still get bytes from the kernel
+END_S = 20.0  # for a host that reads none of the last bytes
 
 
 class ReplayedSensor:
@@ -71,9 +75,25 @@ class ReplayedSensor:
                 break
             shift = last + 1
         # Bytes that the host has not read are lost when the pty is closed.
-        end_s = time.monotonic() + END_S
-        while self._every and time.monotonic() < end_s and not should_stop():
+        read_s = pending_s = time.monotonic()
+        n_before = self._n_unread()
+        while self._every and not should_stop():
             self._turn(TURN_S)
+            now_s, n = time.monotonic(), self._n_unread()
+            pending_s = now_s if n else pending_s
+            read_s = now_s if n != n_before else read_s
+            n_before = n
+            if now_s - pending_s > QUIET_S or now_s - read_s > END_S:
+                break
+
+    def _n_unread(self) -> int:
+        """Bytes that the host has not read. The pty is opened for a moment only, so that a hang-up is noticed."""
+        waiting = bytes(4)
+        with contextlib.suppress(OSError):  # a host may have the pty to itself: then it reads within QUIET_S, or never
+            end = os.open(self.port, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+            waiting = fcntl.ioctl(end, termios.FIONREAD, waiting)
+            os.close(end)
+        return len(self._out) + int.from_bytes(waiting, sys.byteorder)
 
     def _play(self, shift: int, should_stop: Callable[[], bool]) -> int | None:
         """Play once; returns the highest frame number."""
