@@ -79,6 +79,10 @@ def collect(
     ball_mm: Annotated[
         float | None, typer.Option(help="--rig sim: diameter of the ball. Default: the estimator's.")
     ] = None,
+    tip: Annotated[
+        str | None,
+        typer.Option(help="By hand: what presses, in a word; logs of five tips tell how much another one differs."),
+    ] = None,
     machine: Annotated[str, typer.Option(help="--rig sim: marlin or grbl.")] = "marlin",
     unit: Annotated[int | None, typer.Option(help="--rig sim: unit of a fleet, off its board file.")] = None,
     modulus: Annotated[float, typer.Option(help="--rig sim: the pad's modulus over the board's.")] = 1.0,
@@ -137,9 +141,9 @@ def collect(
                  json_, "\n".join([*rehearsal.lines, f"{count} touches, {rehearsal.least_s:.0f} s at least, none out "
                                    "of the limits; nothing moved"]))  # fmt: skip
             return
+    presses = None if asked.changes_tools else _tip(settings, ball_mm, tip)
     log = LogWriter(out, {"board": found.name, "program": program, "seed": seed, "n": count, "depth_mm": depth_mm,
-                          "shear_mm": shear_mm, "rig": rig,
-                          "tip": None if asked.changes_tools else _tip(settings, ball_mm), **span.facts})  # fmt: skip
+                          "shear_mm": shear_mm, "rig": rig, "tip": presses, **span.facts})  # fmt: skip
     n_before = len(log.done())
     next_step = f"Next: ruffini cal fit {out} --board {board} --out calibration.safetensors"
     if asked.is_of_scale:
@@ -248,11 +252,13 @@ def _error(board: Board, unit: int | None, modulus: float, thickness: float) -> 
     return PadError(drawn.modulus * modulus, drawn.poisson, drawn.thickness * thickness)
 
 
-def _tip(settings: RigSettings | None, ball_mm: float) -> dict[str, Any] | None:
+def _tip(settings: RigSettings | None, ball_mm: float, name: str | None = None) -> dict[str, Any] | None:
     if settings is None:
         return {"shape": "sphere", "radius_m": ball_mm / 2e3}
     if settings.tip is None:
-        return None
+        return None if name is None else {"name": name}
+    if name is not None:
+        raise InputError(f"--tip {name}: the bench's file describes the tip in [tip]; leave the option out")
     return {"shape": settings.tip.shape, "radius_m": settings.tip.diameter_mm / 2e3}
 
 

@@ -222,7 +222,8 @@ def _fit_at(
         found = replace(found, error=_for_other_kinds(found.error, full))
         checks.append(
             f"{n_kinds} of {LEAST_KINDS} kinds of contact: the stated uncertainty is at least "
-            f"{100 * OTHER_KIND:.0f} % of a force, as another kind may differ; give a log for each tip that will touch"
+            f"{100 * OTHER_KIND:.0f} % of a force, as another kind may differ; collect a log with each "
+            "tip that will touch, named by --tip"
         )
     terms = {"temperature": chosen.warm, "quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)

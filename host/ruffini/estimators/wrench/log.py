@@ -30,6 +30,7 @@ from ruffini.rig.placed_weight import NAME as PLACED
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
+UNNAMED = "a tip without a name"
 LEAST_REST, ZERO_SIGMAS = 8, 12.0  # frames, and standard errors by which a zero must be off to be one
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 WRENCH_NAMES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")  # of [board] not_measured
@@ -192,7 +193,7 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
         if log.found.get("reference", {}).get("name") == PLACED:
             time_s, rows, reference = _placed(touch, time_s, rows, reference)
             reference_s = time_s
-        kind = _kind_of(path, {**log.facts, **touch.facts})
+        kind = _kind_of({**log.facts, **touch.facts})
         out.append(FeatureRun(f"{path.name}/{number}", time_s, rows, np.asarray(np.isfinite(rows).all(axis=1)),
                               reference_s, reference, Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest)),
                               np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}",
@@ -203,14 +204,10 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
     return out
 
 
-def _kind_of(path: Path, facts: Mapping[str, Any]) -> str:
-    """What pressed: the tip where the log names it, else whatever this log was pressed with.
-
-    Rounds of one calibration from the page, logs of one folder, are pressed with the same thing.
-    """
-    if tip := facts.get("tip"):
-        return json.dumps(tip, sort_keys=True)
-    return str(path.parent if "round" in facts else path)
+def _kind_of(facts: Mapping[str, Any]) -> str:
+    """What pressed: the tip that the log names. All logs that name none may have been pressed with the same thing."""
+    tip = facts.get("tip")
+    return json.dumps(tip, sort_keys=True) if tip else UNNAMED
 
 
 def _rows_of(log: Log, touch: TouchRecord, sort: str) -> tuple[Array, Array] | None:
