@@ -27,7 +27,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels bench profile oracle aarch64 wheel deb arm64 vm pi board fresh version release clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels bench profile oracle aarch64 wheel wheels deb arm64 vm pi board fresh version release clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -195,31 +195,32 @@ aarch64: build  ## the core and its tests cross-compiled for 64-bit ARM, run und
 	@.ci/at-once $(JOBS) $(foreach core,$(PI_CORES),$(foreach i,$(SHARDS),'echo $(core); GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) \
 	  qemu-aarch64 -cpu $(core) -L /usr/aarch64-linux-gnu $(BUILD)/aarch64/ruffini_tests --gtest_brief=1'))
 
-wheel: build  ## the host tool as a wheel, installed and started outside the tree
-	@.ci/wheel
+wheel: setup  ## the host tool as a wheel for this machine's kind of Linux, glibc 2.31 or newer
+	@CMAKE_BUILD_PARALLEL_LEVEL=$(JOBS) .ci/wheel
+
+wheels: build  ## wheels for x86_64 and aarch64, installed and started in bare roots of Debian 11, 12 and 13 and under QEMU (needs root, 4 GB)
+	@.ci/setup vm
+	@CMAKE_BUILD_PARALLEL_LEVEL=$(JOBS) .ci/wheels
 
 deb: build  ## Debian packages of device, library and host tool, built in a Debian 13 root, installed and started in another (needs root, 5 GB)
 	@.ci/setup vm
 	@.ci/deb $(JOBS)
 
-arm64: build  ## packages and wheel for 64-bit ARM, cross-built, installed beside what they need and started under QEMU (needs root, 8 GB)
+arm64: build  ## packages for 64-bit ARM, cross-built, installed beside what they need and started under QEMU (needs root, 8 GB)
 	@.ci/setup vm
-	@.ci/setup aarch64
 	@.ci/arm64 $(JOBS)
-	@CMAKE_BUILD_PARALLEL_LEVEL=$(JOBS) .ci/wheel aarch64
 
 vm: build  ## a virtual board: the packages under systemd on a real kernel's GPIO, I2C, USB gadget and camera interfaces (needs root, 6 GB)
 	@.ci/setup vm
 	@.ci/deb $(JOBS)
 	@.ci/vm
 
-pi: build  ## an emulated Raspberry Pi after `make arm64`: ruffinid and the host tool on its I2C and GPIO drivers (needs root, 9 GB)
+pi: build  ## an emulated Raspberry Pi after `make arm64` and `make wheels`: ruffinid and the host tool on its I2C and GPIO drivers (needs root, 9 GB)
 	@.ci/setup vm
 	@.ci/pi
 
-board: build  ## deb, arm64, pi and vm in one, the packages side by side (needs root, 9 GB)
+board: build  ## deb, arm64, wheels, pi and vm in one, the packages side by side (needs root, 12 GB)
 	@.ci/setup vm
-	@.ci/setup aarch64
 	@.ci/board $(JOBS)
 
 NEW ?=

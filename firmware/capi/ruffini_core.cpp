@@ -12,6 +12,7 @@
 #include "capi/slot_views.h"
 #include "core/stages.h"
 #include "frame_path.h"
+#include "image/kernels.h"
 #include "image/views.h"
 #include "stages/feature_wrench/feature_wrench.h"
 
@@ -59,6 +60,11 @@ uint64_t now_ns() {
 }  // namespace
 
 const char* ruffini_version(void) { return RUFFINI_VERSION; }
+
+const char* ruffini_kernels(void) {
+  return &ruffini::kernels::fastest_supported() == &ruffini::kernels::kScalar ? "scalar" : "vector";
+}
+
 const char* ruffini_error(void) { return last_error.c_str(); }
 
 const char* ruffini_board_json(const char* toml, size_t toml_bytes, const char* where) {

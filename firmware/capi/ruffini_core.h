@@ -38,6 +38,9 @@ typedef struct {
 } ruffini_result_t;
 
 RUFFINI_API const char* ruffini_version(void);
+/* "vector" if the kernels are those of the processor's vector instructions (AVX2, NEON), "scalar" if not: the results are
+ * equal, at a third of the speed. */
+RUFFINI_API const char* ruffini_kernels(void);
 /* Of the last failed call on this thread. */
 RUFFINI_API const char* ruffini_error(void);
 /* A board.toml as JSON: keys sorted, decimal integers, defaults of absent keys filled in. NULL with ruffini_error() if

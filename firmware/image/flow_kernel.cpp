@@ -1,5 +1,7 @@
 #include "image/flow_kernel.h"
 
+#include "base/processor.h"
+
 namespace ruffini::flow_kernel {
 namespace {
 
@@ -56,7 +58,7 @@ const Version kScalar = {gradient, correlation, misfit};
 
 const Version& fastest_supported() {
 #if defined(__x86_64__)
-  return __builtin_cpu_supports("avx2") ? kAvx2 : kScalar;
+  return has_avx2() ? kAvx2 : kScalar;
 #elif defined(__aarch64__)
   return kNeon;
 #else

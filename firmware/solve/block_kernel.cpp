@@ -1,5 +1,7 @@
 #include "solve/block_kernel.h"
 
+#include "base/processor.h"
+
 namespace ruffini::block_kernel {
 
 void rows_scalar(int n_rows, Table table, const int16_t* u, std::span<const uint16_t> blocks, int64_t* out) {
@@ -24,7 +26,7 @@ void rows_scalar(int n_rows, Table table, const int16_t* u, std::span<const uint
 
 Rows fastest_supported() {
 #if defined(__x86_64__)
-  return __builtin_cpu_supports("avx2") ? rows_avx2 : rows_scalar;
+  return has_avx2() ? rows_avx2 : rows_scalar;
 #elif defined(__aarch64__)
   return rows_neon;
 #else

@@ -4,13 +4,10 @@
 #include <bit>
 #include <utility>
 
-// Compiled twice, with AVX2 if the processor has it; integer results are bit-identical. The choice is made at load
-// time, before the thread sanitizer's run time exists.
-#if defined(__x86_64__) && !defined(__SANITIZE_THREAD__)
-#define RUFFINI_AVX2_TOO __attribute__((target_clones("avx2", "default")))
-#else
-#define RUFFINI_AVX2_TOO
-#endif
+#include "base/processor.h"
+
+// The loops are compiled twice, with AVX2 if the processor has it; integer results are bit-identical.
+#define RUFFINI_INLINED inline __attribute__((always_inline))
 
 namespace ruffini {
 namespace {
@@ -21,8 +18,8 @@ constexpr int kBits = 14;
 constexpr size_t kColumns = 16;
 
 // Products of 16-bit numbers and 32-bit sums.
-RUFFINI_AVX2_TOO void multiply_wide(const int16_t* left, size_t n_rows, size_t n_inner, const int16_t* right,
-                                    size_t n_columns, int32_t* out) {
+RUFFINI_INLINED void multiply_columns(const int16_t* left, size_t n_rows, size_t n_inner, const int16_t* right,
+                                      size_t n_columns, int32_t* out) {
   for (size_t row = 0; row < n_rows; ++row, left += n_inner, out += n_columns) {
     for (size_t column = 0; column < n_columns; column += kColumns) {
       const size_t first = std::min(column, n_columns - kColumns);
@@ -37,23 +34,7 @@ RUFFINI_AVX2_TOO void multiply_wide(const int16_t* left, size_t n_rows, size_t n
   }
 }
 
-// out = left right, row by row; `right` and `out` are accessed along their rows.
-void multiply(std::span<const int16_t> left, size_t n_rows, size_t n_inner, const int16_t* right, size_t n_columns,
-              int32_t* out) {
-  if (n_columns >= kColumns) return multiply_wide(left.data(), n_rows, n_inner, right, n_columns, out);
-  for (size_t row = 0; row < n_rows; ++row, out += n_columns) {
-    std::fill_n(out, n_columns, 0);
-    for (size_t k = 0; k < n_inner; ++k) {
-      for (size_t c = 0; c < n_columns; ++c) out[c] += left[row * n_inner + k] * right[k * n_columns + c];
-    }
-  }
-}
-
-size_t count(int n) { return static_cast<size_t>(n); }
-
-}  // namespace
-
-RUFFINI_AVX2_TOO int narrow_to_14(std::span<const int32_t> values, std::span<int16_t> out) {
+RUFFINI_INLINED int narrow(std::span<const int32_t> values, std::span<int16_t> out) {
   uint32_t largest = 0;
   for (const int32_t v : values) largest = std::max(largest, static_cast<uint32_t>(v < 0 ? -v : v));
   const int shift = std::max(static_cast<int>(std::bit_width(largest + (largest >> (kBits - 1)))) - kBits, 0);
@@ -67,6 +48,50 @@ RUFFINI_AVX2_TOO int narrow_to_14(std::span<const int32_t> values, std::span<int
   }
   return shift;
 }
+
+struct Loops {
+  void (*multiply)(const int16_t*, size_t, size_t, const int16_t*, size_t, int32_t*);
+  int (*narrow)(std::span<const int32_t>, std::span<int16_t>);
+};
+
+void multiply_any(const int16_t* left, size_t n_rows, size_t n_inner, const int16_t* right, size_t n_columns,
+                  int32_t* out) {
+  multiply_columns(left, n_rows, n_inner, right, n_columns, out);
+}
+
+int narrow_any(std::span<const int32_t> values, std::span<int16_t> out) { return narrow(values, out); }
+
+#if defined(__x86_64__)
+#define RUFFINI_AVX2 __attribute__((target("avx2")))
+RUFFINI_AVX2 void multiply_avx2(const int16_t* left, size_t n_rows, size_t n_inner, const int16_t* right,
+                                size_t n_columns, int32_t* out) {
+  multiply_columns(left, n_rows, n_inner, right, n_columns, out);
+}
+
+RUFFINI_AVX2 int narrow_avx2(std::span<const int32_t> values, std::span<int16_t> out) { return narrow(values, out); }
+
+const Loops kLoops = has_avx2() ? Loops{multiply_avx2, narrow_avx2} : Loops{multiply_any, narrow_any};
+#else
+constexpr Loops kLoops = {multiply_any, narrow_any};
+#endif
+
+// out = left right, row by row; `right` and `out` are accessed along their rows.
+void multiply(std::span<const int16_t> left, size_t n_rows, size_t n_inner, const int16_t* right, size_t n_columns,
+              int32_t* out) {
+  if (n_columns >= kColumns) return kLoops.multiply(left.data(), n_rows, n_inner, right, n_columns, out);
+  for (size_t row = 0; row < n_rows; ++row, out += n_columns) {
+    std::fill_n(out, n_columns, 0);
+    for (size_t k = 0; k < n_inner; ++k) {
+      for (size_t c = 0; c < n_columns; ++c) out[c] += left[row * n_inner + k] * right[k * n_columns + c];
+    }
+  }
+}
+
+size_t count(int n) { return static_cast<size_t>(n); }
+
+}  // namespace
+
+int narrow_to_14(std::span<const int32_t> values, std::span<int16_t> out) { return kLoops.narrow(values, out); }
 
 WaveTable::WaveTable(std::span<const int16_t> entries, int n_waves_, int n_places_)
     : n_waves(n_waves_), n_places(n_places_), by_wave(entries.begin(), entries.end()), by_place(entries.size()) {

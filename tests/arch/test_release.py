@@ -17,11 +17,10 @@ release = module_from_spec(spec_from_loader("release", LOADER))
 LOADER.exec_module(release)
 
 MADE_BY_STUBS = """
-wheel: ; test "$$RUFFINI_RELEASE" = 1 && mkdir -p build/wheel && \\
-  echo wheel > build/wheel/ruffini-7.8.9-py3-none-linux_x86_64.whl
+wheels: ; test "$$RUFFINI_RELEASE" = 1 && mkdir -p build/wheels && \\
+  for machine in x86_64 aarch64; do echo wheel > build/wheels/ruffini-7.8.9-py3-none-manylinux_2_31_$$machine.whl; done
 deb: ; mkdir -p build/deb && echo deb > build/deb/ruffini_7.8.9_amd64.deb
-arm64: ; mkdir -p build/deb-arm64 build/wheel-aarch64 && echo deb > build/deb-arm64/ruffini_7.8.9_arm64.deb && \
-  echo wheel > build/wheel-aarch64/ruffini-7.8.9-py3-none-linux_aarch64.whl
+arm64: ; mkdir -p build/deb-arm64 && echo deb > build/deb-arm64/ruffini_7.8.9_arm64.deb
 """
 
 
@@ -100,7 +99,8 @@ def test_a_release_is_all_that_was_made_with_its_checksums(checkout: Path) -> No
     assert run(checkout, "make")[0] == 0
     out = checkout / "build/release"
     assert sorted(path.name for path in out.iterdir()) == [
-        "SHA256SUMS", "ruffini-7.8.9-py3-none-linux_aarch64.whl", "ruffini-7.8.9-py3-none-linux_x86_64.whl",
+        "SHA256SUMS", "ruffini-7.8.9-py3-none-manylinux_2_31_aarch64.whl",
+        "ruffini-7.8.9-py3-none-manylinux_2_31_x86_64.whl",
         "ruffini-7.8.9.tar.gz", "ruffini_7.8.9_amd64.deb", "ruffini_7.8.9_arm64.deb",
     ]  # fmt: skip
     subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=out, check=True, capture_output=True)
@@ -113,7 +113,7 @@ def test_a_release_is_all_that_was_made_with_its_checksums(checkout: Path) -> No
 @pytest.mark.parametrize(
     ("stubs", "sentence"),
     [
-        (MADE_BY_STUBS.replace("> build/deb/", "> build/wheel/"), "build/deb/*.deb: nothing was made"),
+        (MADE_BY_STUBS.replace("> build/deb/", "> build/wheels/"), "build/deb/*.deb: nothing was made"),
         (MADE_BY_STUBS.replace("deb: ;", "deb: ; false &&"), "make deb failed: see above; nothing in build/release is"),
     ],
 )

@@ -50,7 +50,7 @@ CORE_SYSTEM_HEADERS = {
     "algorithm", "array", "atomic", "bit", "cassert", "charconv", "compare", "concepts", "cstddef", "cstdint",
     "cstdlib", "cstring", "functional", "initializer_list", "iterator", "limits", "memory", "numeric", "optional",
     "span", "string", "string_view", "tuple", "type_traits", "utility", "variant", "vector",
-    "arm_neon.h", "immintrin.h", "simde/arm/neon.h", "Eigen/Core",
+    "arm_neon.h", "cpuid.h", "immintrin.h", "simde/arm/neon.h", "Eigen/Core",
 }  # fmt: skip
 
 HOST_ROOTS = ("host/ruffini/", "host/papers/")

@@ -3,6 +3,7 @@
     python3 tests/deploy/installed.py device    ruffinid of a Debian package
     python3 tests/deploy/installed.py host      ruffini of a Debian package or a wheel, with the Python that it is for
     python3 tests/deploy/installed.py live      ruffini live on a video, with the ruffinid of a wheel
+    python3 tests/deploy/installed.py frames FOLDER    what daemon_alone.py plays, with a Python that has the host tool
     python3 tests/deploy/installed.py plugin    LeRobot's plugin beside the host tool, without LeRobot
     python3 tests/deploy/installed.py both      the two talking over a pseudo-terminal
 
@@ -12,20 +13,28 @@ missing. Exit code 0: all is there.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import json
 import os
+import platform
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ruffini.boards import Board
 
 SOURCE = Path(__file__).parents[2]
 DEPLOY = SOURCE / "firmware" / "deploy"
 NOT_INSTALLED = {"packages.cmake", "ruffini"}  # the rules of the packages; the host tool's starter
+DOTS = "gelsight-mini"  # a board of dots, whose forces need no picture of a press
 LIBRARIES = ["/usr/bin/ruffinid", *(f"/usr/lib/ruffini/libruffini_{name}.so" for name in ("infer", "pictures"))]
 
 
@@ -87,6 +96,10 @@ def host() -> None:
     need(here in native.parents, f"{native} is not {here}'s own")
     for name in ("libruffini.so", "ruffini.desc", "page/index.html", "page/page.js"):
         need((native / name).is_file() and (native / name).stat().st_size > 100, f"{native / name} is missing")
+    core = ctypes.CDLL(str(native / "libruffini.so"))
+    core.ruffini_kernels.restype = ctypes.c_char_p
+    if platform.machine() == "aarch64" or "avx2" in Path("/proc/cpuinfo").read_text():
+        need(core.ruffini_kernels() == b"vector", f"{native}/libruffini.so makes no use of this processor's vectors")
     need("ruffini/$attr{serial}" in ruffini_tool("udev", "show"), "ruffini udev show: no link by serial number")
     ruffini_tool("board", "check", "gelslim")
     boards = ruffini_tool("board", "list").split()
@@ -94,36 +107,64 @@ def host() -> None:
     print(f"ruffini {ruffini.__version__}: {n} files, library, schema, page, boards")
 
 
-def live() -> None:
-    """`ruffini live` on a video, with the ruffinid that came with the package: a force field on the line."""
+def pushed_dots(board: Board) -> Iterator[Any]:
+    """Pictures of the board's dots, untouched, then pushed to the right."""
     import cv2
     import numpy as np
 
-    from ruffini.boards import find_board
+    c, m = board.camera, board.markers
+    per_um = c.focal_mpx / 1e3 / c.standoff_um
+    for frame in range(100):
+        picture = np.full((c.height_px, c.width_px, 3), 150, np.uint8)
+        push_px = max(0, min(frame - 50, 20)) * 0.2
+        for column in range(m.n_x):
+            for row in range(m.n_y):
+                x = (m.first_x_um + column * m.pitch_x_um - board.pad.size_x_um / 2) * per_um + c.center_x_mpx / 1e3
+                y = (m.first_y_um + row * m.pitch_y_um - board.pad.size_y_um / 2) * per_um + c.center_y_mpx / 1e3
+                at = round(16 * (x + push_px)), round(16 * y)  # to a sixteenth of a pixel
+                cv2.circle(picture, at, round(8 * m.diameter_um * per_um), (50, 50, 50), -1, cv2.LINE_AA, shift=4)
+        yield picture
+
+
+def write_calibration(board: Board, path: Path) -> None:
     from ruffini.calibrate import container
-    from ruffini.daemon import find_daemon
     from ruffini.demo.calibration import NOISE_WITHOUT_DEPTH
     from ruffini.estimators.operator.fit import make_operator
+
+    kind = make_operator(board, method="optimal", noise=NOISE_WITHOUT_DEPTH)
+    container.write(path, container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}))
+
+
+def frames() -> None:
+    """For daemon_alone.py: the pictures, what they are of, and a calibration."""
+    import cv2
+
+    from ruffini.boards import find_board
+
+    board, folder = find_board(DOTS), Path(sys.argv[2])
+    folder.mkdir(parents=True)
+    for n, picture in enumerate(pushed_dots(board)):
+        cv2.imwrite(str(folder / f"{n:03}.png"), picture)
+    (folder / "recording.toml").write_text(f'board = "{board.name}"\nsimulated = true\n')
+    write_calibration(board, folder / "calibration.safetensors")
+
+
+def live() -> None:
+    """`ruffini live` on a video, with the ruffinid that came with the package: a force field on the line."""
+    import cv2
+
+    from ruffini.boards import find_board
+    from ruffini.daemon import find_daemon
     from ruffini.native import native_folder
 
     need(find_daemon().parent == native_folder(), f"ruffinid is {find_daemon()}, not the package's own")
-    board = find_board("gelsight-mini")
-    c, m = board.camera, board.markers
-    kind = make_operator(board, method="optimal", noise=NOISE_WITHOUT_DEPTH)
+    board = find_board(DOTS)
+    c = board.camera
     with tempfile.TemporaryDirectory() as folder:
         calibration, video = Path(folder) / "calibration.safetensors", Path(folder) / "dots.avi"
-        container.write(calibration, container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}))
+        write_calibration(board, calibration)
         writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (c.width_px, c.height_px))
-        per_um = c.focal_mpx / 1e3 / c.standoff_um
-        for frame in range(100):  # untouched, then pushed to the right
-            picture = np.full((c.height_px, c.width_px, 3), 150, np.uint8)
-            push_px = max(0, min(frame - 50, 20)) * 0.2
-            for column in range(m.n_x):
-                for row in range(m.n_y):
-                    x = (m.first_x_um + column * m.pitch_x_um - board.pad.size_x_um / 2) * per_um + c.center_x_mpx / 1e3
-                    y = (m.first_y_um + row * m.pitch_y_um - board.pad.size_y_um / 2) * per_um + c.center_y_mpx / 1e3
-                    at = round(16 * (x + push_px)), round(16 * y)  # to a sixteenth of a pixel
-                    cv2.circle(picture, at, round(8 * m.diameter_um * per_um), (50, 50, 50), -1, cv2.LINE_AA, shift=4)
+        for picture in pushed_dots(board):
             writer.write(picture)
         writer.release()
         words = ["live", "--camera", str(video), "--board", board.name, "--no-browser", "--http-port", "0", "--json"]
@@ -141,7 +182,7 @@ def live() -> None:
         field_of(board, video, calibration.read_bytes())
 
 
-def field_of(board: object, video: Path, calibration: bytes) -> None:
+def field_of(board: Board, video: Path, calibration: bytes) -> None:
     import numpy as np
 
     from ruffini.device import Connection, Field
@@ -212,4 +253,4 @@ def both() -> None:
 
 
 if __name__ == "__main__":
-    {"device": device, "host": host, "live": live, "plugin": plugin, "both": both}[sys.argv[1]]()
+    {"device": device, "host": host, "frames": frames, "live": live, "plugin": plugin, "both": both}[sys.argv[1]]()

@@ -1,0 +1,21 @@
+# Compiles for the glibc that .ci/wheel states, with its compilers and libraries in $RUFFINI_ZIG, for $RUFFINI_MACHINE.
+set(CMAKE_SYSTEM_NAME Linux)
+set(CMAKE_SYSTEM_PROCESSOR $ENV{RUFFINI_MACHINE})
+set(ZIG $ENV{RUFFINI_ZIG})
+set(CMAKE_C_COMPILER ${ZIG}/cc)
+set(CMAKE_CXX_COMPILER ${ZIG}/c++)
+set(CMAKE_AR ${ZIG}/ar)
+set(CMAKE_RANLIB ${ZIG}/ranlib)
+set(CMAKE_FIND_ROOT_PATH ${ZIG}/root)
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
+set(CMAKE_LIBRARY_ARCHITECTURE ${CMAKE_SYSTEM_PROCESSOR}-linux-gnu)
+set(ENV{PKG_CONFIG_SYSROOT_DIR} ${ZIG}/root)
+set(ENV{PKG_CONFIG_LIBDIR} ${ZIG}/root/usr/lib/${CMAKE_LIBRARY_ARCHITECTURE}/pkgconfig)
+# Headers of libraries alone: those of glibc are zig's.
+set(CMAKE_CXX_STANDARD_INCLUDE_DIRECTORIES ${ZIG}/root/usr/include ${ZIG}/root/usr/include/${CMAKE_LIBRARY_ARCHITECTURE})
+# Else a library with a missing symbol is found out where it is loaded; debug information is 9 of 10 bytes.
+set(CMAKE_SHARED_LINKER_FLAGS_INIT "-Wl,--no-undefined -s")
+set(CMAKE_EXE_LINKER_FLAGS_INIT "-s")
