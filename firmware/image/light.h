@@ -69,8 +69,8 @@ class LightTracker {
   // 2 %: presses on the twin reach 0.9 %, recorded ones on a real pad 0.7 %.
   static constexpr int kSideQ12 = 82;
   // Returns true if the medians of two opposite outer thirds of the picture differ by more than kSideQ12 in all three
-  // channels, the same third being the brighter one in each. No contact that leaves half of each third free causes
-  // this, nor does a camera's white balance. Not for skins that darken with depth.
+  // channels, the same third being the brighter one in each, and each has 4 samples or more. No contact that leaves half
+  // of each third free causes this, nor does a camera's white balance. Not for skins that darken with depth.
   [[nodiscard]] bool is_lit_from_one_side();
   // Level of the last frame. It is unreliable if fewer than an eighth of the samples agree, or if a channel's level
   // exceeds 25 %.
