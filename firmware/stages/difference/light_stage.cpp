@@ -1,6 +1,7 @@
 // Drift of lamps and exposure (image/light.h). This stage corrects the rest image for the next frame: the stage
 // difference has compared the current one already. It runs if the calibration has kind `photometric` (colours become
-// depth) or the board has targets, the edges of which depend on the light.
+// depth), on boards with targets, the edges of which depend on the light, and on boards with picture_features, whose
+// force follows from the change of the picture.
 #include <algorithm>
 #include <cstdlib>
 
