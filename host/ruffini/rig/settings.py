@@ -23,7 +23,8 @@ shape = "square"            # sphere, flat (a disc), square, hexagon, triangle, 
 size_mm = 10.0              # diameter; of a square or hexagon across its flats, of a triangle its side
 shore_a = 40.0              # without it: rigid
 [holder]                    # of a fingertip: turned to each of these angles
-tilts_deg = [[0.0, 0.0], [20.0, 0.0], [0.0, -35.0]]   # roll, pitch of the tip's axis in the fingertip's (holder.py)
+# roll, pitch of the tip's axis in the fingertip's (holder.py)
+tilts_deg = [[0.0, 0.0], [20.0, 0.0], [-40.0, 0.0], [0.0, 30.0], [0.0, -40.0], [25.0, -25.0]]
 axes = ["A", "-B"]          # of a five-axis stage, which turns it itself: outer and inner; - if it turns the other way
 pivot_mm = 22.0             # from the top down to where its axes meet; without it: the middle of the sphere
 [limits]                    # without a stage only max_force_n
