@@ -1,26 +1,30 @@
 // Follows the drift of lamps and exposure: one gain per channel, updated while nothing touches the pad.
 //
-//   sample = mean of d over 8 x 2 pixels, one for each 16 x 8; m = median of a channel's samples
-//   level:   at least 7/8 of the samples of every channel are within 1.5 % of its m
-//   still:   level, and no marker is more than 1/4 px from its rest position
-//   gain_c += gain of Q20: clamp(m_c, +-1/128) / 16 per frame, after 16 still frames in a row; 0.75 <= gain <= 1.25
+//   sample    mean of d over 8 x 2 pixels, one for each 16 x 8; used if rest has 32 to 220 grey levels in all of them
+//             and no edge of a dot
+//   m         median of a channel's samples
+//   uniform   samples within 1.5 % of their channel's m
+//   still     frame with at least 7/8 of the samples of every channel uniform, and no marker (of boards with targets:
+//             target) more than 1/4 px from its rest position
+//   gain_c += clamp(m_c, +-1/128) / 16 in every frame from the 16th still one in a row on; 0.75 <= gain_c <= 1.25
 //
 // The map of each channel over the picture follows (image/light_map.h).
 //
 // One gain per channel cannot take a contact's shape, and a moved marker or a shaded eighth of the picture stops it: a
 // static contact is never learned. At 60 Hz it follows 2.9 % per second. `is_wrong`: the light differs from that at
 // rest and has not been followed yet, any of:
-//   still, and |m| > 4 % in a channel
-//   at least half of the samples level, and |m_B + m_G + m_R| > 18 %: no slope of the surface does that, because it
-//     takes from one lamp what it gives to another
-//   markers at rest, and more than a sixth of the samples not level, as when part of a lamp fails
+//   the frame is still, and |m| > 4 % in a channel
+//   at least half of the samples are uniform, and |m_B + m_G + m_R| > 18 %: no slope of the surface does that, because
+//     it takes from one lamp what it gives to another
+//   markers are seen, all at rest, and more than a sixth of the samples are not uniform, as when part of a lamp fails
 //   the map's `is_wrong`
-// stages/difference/light_stage.cpp adds is_lit_from_outside() and is_lit_from_one_side(), and replaces the first three
-// by an unreliable level if the calibration uses the frame's own level.
+// stages/difference/light_stage.cpp adds is_lit_from_outside() and is_lit_from_one_side(). If the calibration uses the
+// frame's level (below), an unreliable level takes the place of the first three.
 //
-// The level is computed from one frame alone, for cameras that change white balance or exposure with every touch: mean
-// of the samples within 8 % of it in all three channels, three rounds starting from the medians. The calibration states
-// whether it is used (`photometric.balance`): a contact that shades most of the picture would shift it.
+// level(): relative change of a frame's light, computed from this frame alone, for cameras that change white balance or
+// exposure with every touch: mean of the samples within 8 % of it in all three channels, three rounds starting from m.
+// The calibration states whether it is used (`photometric.balance`): a contact that shades most of the picture would
+// shift it.
 //
 // Frame thread; no allocation after the constructor. Not in the papers.
 #pragma once
@@ -44,8 +48,9 @@ class LightTracker {
  public:
   LightTracker(int width_px, int height_px);
 
-  // Sets a new rest image and selects the usable samples. Without a map only the gain is followed, for boards that do
-  // not convert colours to depth: there a tray that tilts under load looks like drifting lamps.
+  // Sets a new rest image and selects the samples that are used. `has_map`: false if colours are not converted to
+  // depth, as on boards with targets or picture_features alone. Then only the gain is followed: a tray that tilts under
+  // load would look like uneven light.
   void learn(std::span<const uint16_t> rest, bool has_map);
   // `change`: planes of B, G and R relative to `rest`. Updates the gain of `rest` if it has moved by 1/4096, and its
   // map.
@@ -54,7 +59,7 @@ class LightTracker {
   [[nodiscard]] bool is_wrong() const { return is_wrong_ || map_.is_wrong(); }
   [[nodiscard]] const LightMap& map() const { return map_; }
   // Values for `more_q12` below. 2.5 %: a large object raises 1 sample in 17 on the real recordings tried, presses on
-  // the twin 1 in 100. 8 % with targets: the tray of the pad may come closer to all lamps.
+  // the twin 1 in 100. 8 % with targets: a load may bring their tray (image/targets.h) closer to all lamps.
   static constexpr int kDaylightQ12 = 102;
   static constexpr int kDaylightOnTrayQ12 = 328;
   // Returns true if an eighth of the samples exceed `level` by more than `more_q12` in all three channels. With lamps
@@ -64,8 +69,8 @@ class LightTracker {
   // 2 %: presses on the twin reach 0.9 %, recorded ones on a real pad 0.7 %.
   static constexpr int kSideQ12 = 82;
   // Returns true if the medians of two opposite outer thirds of the picture differ by more than kSideQ12 in all three
-  // channels, the same third being the brighter one in each. No contact that leaves half of each third free causes
-  // this, nor does a camera's white balance. Not for skins that darken with depth.
+  // channels, the same third being the brighter one in each, and each has 4 samples or more. No contact that leaves half
+  // of each third free causes this, nor does a camera's white balance. Not for skins that darken with depth.
   [[nodiscard]] bool is_lit_from_one_side();
   // Level of the last frame. It is unreliable if fewer than an eighth of the samples agree, or if a channel's level
   // exceeds 25 %.
@@ -76,7 +81,7 @@ class LightTracker {
  private:
   struct Level {
     int median = 0;      // Q12
-    size_t n_level = 0;  // samples near it
+    size_t n_level = 0;  // uniform samples
   };
   enum Side : uint8_t { kLeft = 1, kRight = 2, kTop = 4, kBottom = 8 };
   [[nodiscard]] std::optional<int> median_of(size_t channel, Side side);
@@ -88,7 +93,7 @@ class LightTracker {
 
   int width_px_;
   int height_px_;
-  std::vector<int32_t> sample_at_;              // first pixel of each usable sample
+  std::vector<int32_t> sample_at_;              // first pixel of each sample that is used
   std::vector<uint8_t> side_;                   // outer thirds that contain each sample: sum of Side
   std::array<std::vector<int16_t>, 3> sample_;  // per channel
   std::vector<int16_t> sorted_;

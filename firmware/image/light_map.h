@@ -2,16 +2,18 @@
 // image/light.h.
 //
 //   q_k = products of Legendre polynomials of x and y, of total order <= 4, made orthogonal over the usable samples
-//   every 16 frames without a marker off its rest: r = mean of the samples, relative to the map in force
+//   window:  16 frames, each window after the one before; touched if a marker was off its rest in any of them
+//   r = mean of a sample over the window, relative to the map in force
 //   fit:     a_k = sum(e q_k) / sum(q_k^2), three rounds starting at the median; e = r - fit, clamped to +-1.5 % in the
 //            first round, then zero where beyond 0.5 %
 //   smooth   means: at most 1/32 of the samples are more than 1 % off the fit in any channel
-//   if smooth:  c_k += clamp(a_k / 4, +-2^-12), and the rate v_k follows that step by a 64th
-//   else:       c_k += v_k, v_k -= v_k / 256: the lamps go on as before the contact
+//   if smooth, not touched, and not far (below) without markers:
+//            c_k += s_k = clamp(a_k / 4, +-2^-12); the rate v_k += (s_k - v_k) / 64 unless s_k was clamped
+//   else:    c_k += v_k, v_k -= v_k / 256: the lamps go on as before the contact
 //
 // A contact has edges that no polynomial of order four can follow: the samples that it shades are excluded from the
-// fit, and if they are more than a 32nd of all samples, nothing is learned. During a contact only the rate from before
-// it counts. The constant term is the gain's: it comes from this fit if the gain is not followed frame by frame.
+// fit, and if they are more than a 32nd of all samples, the window is not smooth. The constant term is the gain of
+// image/light.h: it takes s_0 only while it is not followed in every frame.
 //
 // `is_wrong`, any of:
 //   far       a smooth fit deviates by more than 0.4 % from its mean somewhere in the picture. With markers at rest the
@@ -19,7 +21,7 @@
 //             is not followed, and the flag stays until the light returns or rest is learned again.
 //   unlike    markers are at rest, the change is not smooth, and its fit deviates by more than 1 % from its mean: a
 //             failed lamp or a shadow.
-//   at limit  a coefficient is at 1/8.
+//   at limit  a step took a coefficient beyond +-1/8, to which it is clamped; ends with a window that does not.
 //   stale     the extrapolation since the last smooth window exceeds 1 % in a term.
 //
 // At 60 Hz the map follows 0.09 % a second in each term. Frame thread; no allocation after the constructor. Not in the

@@ -4,16 +4,16 @@
 //   ties   share of horizontally adjacent pixel pairs with equal levels, over all channels, without black and white
 //          ones
 //   colour sum of |a_B - a_G| + |a_R - a_G| over the pairs; a: right pixel minus left one
-//   d      mean of a window / its mean at rest - 1 - followed gain (image/light.h), per channel, of windows without
-//          edges
+//   d      mean of a window / its mean at rest - gain that is followed (image/light.h; not the map), per channel, of
+//          windows without edges
 //   dark, bright   medians of d over the darker and the brighter third of the windows, by their level at rest
 //
 //   coarse      ties > 1.2 ties of the rest frames + 0.01: noise is missing, so bits were lost or the picture is
 //               compressed;
 //               or colour < 0.7 of the rest frames': noise of the colours is missing, as after JPEG
-//   off curve   o = (dark + bright) / 2: |o| > 0.8 % with the same sign in all channels, and the sum over the channels
-//               of bright - dark has the opposite sign and more than a tenth of the sum of |o|: an offset (black
-//               level, daylight) or a gamma. Lamps and exposure change all levels by the same share instead
+//   off curve   o = (dark + bright) / 2 is beyond 0.8 % with one sign in all channels, and dark parts changed more:
+//               dark - bright, summed over the channels, has that sign and exceeds a tenth of the sum of |o|. An offset
+//               (black level, daylight) or a gamma does this; lamps and exposure change all levels by the same share
 //
 // On the twins a press changes ties by at most 5 % of their value, lowers colour by at most 8 %, and never reaches
 // 0.8 % in all channels; JPEG lowers colour to 0.23 to 0.68 on skins with coloured light, on grey ones only below a

@@ -1,6 +1,7 @@
-// Drift of lamps and exposure (image/light.h), corrected from the next frame on; the current frame has been compared
-// already. Runs if the calibration has kind `photometric` (colours become depth), on boards with targets, whose edges
-// depend on the light, and on boards whose force follows from the change of the picture.
+// Drift of lamps and exposure (image/light.h). This stage corrects the rest image for the next frame: the stage
+// difference has compared the current one already. It runs if the calibration has kind `photometric` (colours become
+// depth), on boards with targets, the edges of which depend on the light, and on boards with picture_features, whose
+// force follows from the change of the picture.
 #include <algorithm>
 #include <cstdlib>
 

@@ -1,8 +1,10 @@
 """A CSV from elsewhere as a calibration log: time, wrench, displacements of markers. README has a worked example.
 
-Names of columns say what they are and in which unit: time_s, fx_N .. tz_Nmm, m0_dx_px, m0_dy_px, m0_da (relative change
-of the marker's area), m0_dz_mm, m0_x_px, m0_y_px (where it is at rest), x_mm y_mm z_mm (the tip), touch (number, 0 =
-nothing touches). Other names are renamed by a TOML file: our name = "theirs", with {i} for the marker's number.
+Names of columns say what they are and in which unit: time_s, fx_N .. tz_Nmm, m0_dx_px, m0_dy_px, m0_da (relative
+change of the marker's area), m0_dz_mm, m0_x_px, m0_y_px (where it is at rest), m0_x_mm, m0_y_mm (likewise, from the
+pad's centre), x_mm y_mm z_mm (the tip), touch (number, 0 = nothing touches; without it touches are cut where the force
+exceeds 0.09 N). With m0_dz_mm, the places in mm and a board the log gets the nodes' displacement, for `cal fit`. Other
+names are renamed by a TOML file: our name = "theirs", with {i} for the marker's number.
 """
 
 from __future__ import annotations

@@ -1,7 +1,33 @@
-"""The calibration log: one HDF5 file, described in host/ruffini/rig/README.md. SI units throughout.
+"""The calibration log: one HDF5 file. SI units throughout, `unit` beside each array.
 
-While it is collected every touch is a file of its own beside it, whole or not there, so that nothing that was
+While it is collected every touch is a file of its own in LOG.h5.parts/, whole or not there, so that nothing that was
 collected can be lost; the log is made of them at the end.
+
+Attributes: `format`, `format_version`, `facts` (JSON: board, program, `tip`, bench) and `found` (JSON, below; missing
+in older logs). One group `touch/NNNNN` a touch, with its own clock, `facts` (JSON: `temperatures_c`, `kind`, wanted
+place, depth and shear, `contact_z_m`, `held_host_s`, `lifted_host_s`, `tare`, `tries`) and these arrays:
+
+stream_*      a row a frame: sensor's time, host's time of arrival without queueing, frame number, FlagBit mask, wrench
+              about the pad's centre (NaN if not measured), Validity. Without a force also stream_activity,
+              stream_motion (px)
+reference_*, stage_*
+              host's time; wrench in the reference's frame, tare removed; tip from the pad's centre (empty without a
+              stage)
+contact_*     a row for each contact in each frame: number, place on the unrolled skin, force, deviations, hardness
+field_*, rest_field_*
+              displacement (n_y, n_x, 3) at the nodes, in a few frames of the hold and before the touch
+marker_*      displacement of each marker or target in `facts["marker_unit"]`, third column change of area (px^2;
+              relative in logs of `cal convert`); marker_place: at rest
+feature*      without markers or targets: the integers of the wrench (FEATURES of proto/README.md), 10 frames before
+              the touch and 40 from it on
+image*        B G R, each `image_step_px`-th pixel: before the touch, of the hold, and without the three above also of
+              the way down
+
+`found` (or `why_not`): `reference` (name, unit, full scale, uncertainty, rate stated and measured); `checks` (unit,
+axes, rate, tare: `ok` true, false, null, and `text`); `clocks` per `session`: reference time = stream time +
+`offset_s` + `drift` (stream time - `middle_s`), `sigma_s`, `drift_sigma`; `frame` (`rotation`, `arm_m`, `hanging`);
+`contacts` (`offset_m`, `spread_m`, `gain`, `gain_spread`). `found.reference_in_pad(log, touch)` and
+`found.on_reference_clock` apply them.
 """
 
 from __future__ import annotations

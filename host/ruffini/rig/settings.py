@@ -2,8 +2,10 @@
 
 schema = 1
 [reference]
-kind = "text"               # i2c: part_number, bus; network: host, full_scale, sigma (six each, N and N m), axes;
-                            # weight: sigma_g; hid: path, sigma_g; csv: path
+kind = "text"               # i2c: part_number, bus; network: host, full_scale, sigma (six each, N and N m), axes
+                            # (which of its axes are the pad's: ["+y", "-x", "+z"]), arm_mm (the pad's centre from
+                            # its origin; needed with a connector); weight: sigma_g; hid: path ("/dev/hidraw0"),
+                            # sigma_g; csv: path
 port = "/dev/ttyUSB0"
 unit = "g"
 full_scale_n = 20.0
@@ -12,7 +14,8 @@ sigma_n = 0.005
 kind = "marlin"             # or grbl
 port = "/dev/ttyACM1"
 origin_mm = [110.0, 95.0, 42.0]   # the machine's coordinates with the tip on the middle of the pad
-rotary_axis = "A"           # of a board that is a tube: the axis in degrees that turns it under the tip
+rotary_axis = "A"           # of a board that is a tube: the axis in degrees that turns it under the tip; x, also in
+                            # half_x_mm, is then the way round it
 rotary_origin_deg = 0.0     # its position there
 [tip]                       # what touches the pad
 shape = "sphere"
@@ -23,7 +26,8 @@ shape = "square"            # sphere, flat (a disc), square, hexagon, triangle, 
 size_mm = 10.0              # diameter; of a square or hexagon across its flats, of a triangle its side
 shore_a = 40.0              # without it: rigid
 [holder]                    # of a fingertip: turned to each of these angles
-tilts_deg = [[0.0, 0.0], [20.0, 0.0], [0.0, -35.0]]   # roll, pitch of the tip's axis in the fingertip's (holder.py)
+# roll, pitch of the tip's axis in the fingertip's (holder.py)
+tilts_deg = [[0.0, 0.0], [20.0, 0.0], [-40.0, 0.0], [0.0, 30.0], [0.0, -40.0], [25.0, -25.0]]
 axes = ["A", "-B"]          # of a five-axis stage, which turns it itself: outer and inner; - if it turns the other way
 pivot_mm = 22.0             # from the top down to where its axes meet; without it: the middle of the sphere
 [limits]                    # without a stage only max_force_n
@@ -32,7 +36,7 @@ half_y_mm = 6.0
 top_mm = 3.0
 bottom_mm = -1.5
 deepest_mm = 1.2
-near_mm = 1.0               # above the pad: as well as origin_mm is known
+near_mm = 1.0               # above the pad: as well as origin_mm is known; down to there the tip moves fast
 max_force_n = 6.0
 """
 

@@ -6,7 +6,7 @@
 
 namespace ruffini::client {
 
-// One for each sensor, over all the Decoders that its reconnections need.
+// Keep one for each line. It outlives the Decoders, of which each reconnection needs a new one.
 class DamageWatch {
  public:
   // `n_damaged`: Counters::damaged() of the current Decoder. `now_s`: a monotonic clock. True when the line becomes unfit.

@@ -14,8 +14,9 @@ using Bytes = std::vector<uint8_t>;
 
 class Encoder {
  public:
-  // `holder`: a number above 0, drawn at random at each start. A sensor accepts changes from one host at a time. Write
-  // the bytes of ask_hello() first: they also end a frame that a previous host left incomplete.
+  // `holder`: a number above 0, drawn at random at each start, by which the device (a daemon with its sensors) tells
+  // hosts apart: it accepts changes from one at a time. Write the bytes of ask_hello() first: they also end a frame that a
+  // previous host left incomplete.
   explicit Encoder(uint32_t holder) : holder_(holder) {}
 
   Bytes ask_hello();

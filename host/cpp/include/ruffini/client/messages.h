@@ -1,7 +1,7 @@
 // Messages of a sensor in SI units. Origin: centre of the undeformed pad's surface, x right and y down in the camera's
-// image, z out of the pad. Forces act ON the pad: pressing is negative z. A number is NaN where its comment or its type's
-// says so; all others are as transmitted. The messages of one camera frame have the same Stamp::frame: pair
-// WRENCH with CONTACTS by it.
+// image, z out of the pad. Forces act ON the pad: pressing is negative z. A number may be NaN only if the comment on it
+// or on its struct says so; others are as transmitted, whatever the validity. Messages of one camera frame, such as
+// WRENCH and CONTACTS, have the same Stamp::frame.
 #pragma once
 
 #include <array>
@@ -142,8 +142,8 @@ struct Depth {
   [[nodiscard]] double depth_m_at(size_t cell) const;
 };
 
-// Residual displacement that the forces do not explain, at each node: about 1 under any load if pad and noise match the
-// calibration. Sent to subscribers only.
+// Displacement that the forces do not explain, at each node, in standard deviations: RMS about 1 under any load if pad
+// and noise match the calibration. Computed for subscribers only.
 struct Residual {
   Stamp stamp;
   Validity validity = Validity::kNotMeasured;
@@ -156,8 +156,8 @@ struct Residual {
 
 enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
 
-// Parts of a contact that only some boards report. NaN: a number that was not stated, and all of a contact whose force
-// along z is INVALID, except those marked "as sent".
+// Parts of a contact that only some boards report. In SkinTouch and ToolTouch all numbers are NaN unless the contact's
+// force along z is VALID; a number that was not stated is always NaN.
 
 // A touch of a skin, in the camera's axes.
 struct SkinTouch {
@@ -169,7 +169,7 @@ struct SkinTouch {
 
 // A tool that came down along its own axis on a fingertip.
 struct ToolTouch {
-  std::array<double, 2> place_m{};           // of the tool's axis, in its own axes
+  std::array<double, 2> place_m{};           // of the tool's axis, in the tool's own axes
   double way_m = kNaN;                       // travel of the tool since it touched
   double roll_rad = kNaN, pitch_rad = kNaN;  // of the fingertip under the tool, about x, then about y
   std::array<double, 3> normal_force_n{};    // along the tool's axis, in the camera's axes
@@ -205,7 +205,7 @@ struct FlowParts {
 };
 
 struct Contact {
-  uint32_t id = 0;
+  uint32_t id = 0;                   // rank in this frame; of a skin it stays with the touch
   double area_m2 = 0.0;              // as sent, whatever the validity; of skins and fingertips 0: not known
   std::array<double, 2> center_m{};  // as sent, whatever the validity
   std::array<Measured, 3> force_n;   // x, y, z
@@ -228,12 +228,12 @@ struct Contact {
 // The last squeeze of an object, until the next one. NaN unless VALID; infinite: as hard as a rigid object.
 struct Softness {
   Validity validity = Validity::kNotMeasured;
-  uint32_t squeeze = 0;      // since rest was learned: rises with each result
-  uint32_t n_frames = 0;     // of the squeeze
+  uint32_t squeeze = 0;      // number of squeezes since rest was learned, this one included
+  uint32_t n_frames = 0;     // while the force rose, over which the modulus is averaged
   double modulus_pa = kNaN;  // E / (1 - nu^2)
   double low_pa = kNaN;      // one standard deviation below
   double high_pa = kNaN;     // one standard deviation above
-  double log2_share = kNaN;  // log2 of the dent's curvature over a rigid object's: compare objects by it
+  double log2_share = kNaN;  // log2 of (curvature of the dent / that by a rigid object): compare objects by it
   double log2_share_sigma = kNaN;
 };
 
@@ -312,8 +312,8 @@ struct Reply {
 };
 
 // Answer to Encoder::ask_time. With the host's clock at the request, t_request, and at the answer, t_answer, host minus
-// device is (t_request + t_answer - received_us - sent_us) / 2, with an error of at most half of
-// (t_answer - t_request) - (sent_us - received_us), and of the clocks' drift since.
+// device is (t_request + t_answer - received_us - sent_us) / 2. Its error is at most half of
+// (t_answer - t_request) - (sent_us - received_us), plus the drift of the clocks since (below 300 ppm).
 struct Time {
   uint64_t token = 0;
   uint64_t received_us = 0;  // the request, on the clock of Stamp::capture_us
