@@ -26,15 +26,18 @@ class GpiodLine final : public OutputLine {
   unsigned offset_;
 };
 
-// Null, and errno, if it is not granted. An output of new settings is off.
-Owned<gpiod_line_request> request_output(gpiod_chip* chip, unsigned offset) {
+// Null, and why in `reason`, if it is not granted. An output of new settings is off.
+Owned<gpiod_line_request> request_output(gpiod_chip* chip, unsigned offset, int& reason) {
   const Owned<gpiod_line_settings> settings(gpiod_line_settings_new(), gpiod_line_settings_free);
   const Owned<gpiod_line_config> lines(gpiod_line_config_new(), gpiod_line_config_free);
   const Owned<gpiod_request_config> request(gpiod_request_config_new(), gpiod_request_config_free);
   gpiod_line_settings_set_direction(settings.get(), GPIOD_LINE_DIRECTION_OUTPUT);
   gpiod_line_config_add_line_settings(lines.get(), &offset, 1, settings.get());
   gpiod_request_config_set_consumer(request.get(), "ruffinid");
-  return {gpiod_chip_request_lines(chip, request.get(), lines.get()), gpiod_line_request_release};
+  Owned<gpiod_line_request> granted(gpiod_chip_request_lines(chip, request.get(), lines.get()),
+                                    gpiod_line_request_release);
+  reason = errno;  // what is freed here may set another one
+  return granted;
 }
 
 Error unavailable(const std::string& what, const char* remedy) {
@@ -55,9 +58,9 @@ Result<std::unique_ptr<OutputLine>> open_output_line(const std::string& chip, co
     return unavailable(path + " has no line \"" + name + "\"",
                        "check the line in board.toml (gpioinfo lists the names)");
   }
-  auto request = request_output(device.get(), static_cast<unsigned>(offset));
+  int reason = 0;
+  auto request = request_output(device.get(), static_cast<unsigned>(offset), reason);
   if (!request) {
-    const int reason = errno;
     return unavailable("line \"" + name + "\" of " + path + " cannot be had (" + std::strerror(reason) + ")",
                        reason == EBUSY ? "stop what uses it (gpioinfo names it)" : "check the permissions");
   }

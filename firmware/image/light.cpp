@@ -151,7 +151,9 @@ void LightTracker::run(std::span<const RelativeChange> change, std::span<const M
   const bool is_still = 8 * n_level >= 7 * n_samples_ && pad != PadState::kTouched;
   is_wrong_ = (is_still && most > kOffStillQ12) || (2 * n_level >= n_samples_ && std::abs(all) > kOffAllQ12) ||
               (6 * n_level < 5 * n_samples_ && pad == PadState::kAtRest);
-  n_still_ = is_still ? std::min(n_still_ + 1, kStillFrames) : 0;
+  // Without markers the samples alone say that nothing touches.
+  const bool is_free = pad != PadState::kUnknown || 128 * n_level >= 127 * n_samples_;
+  n_still_ = is_still && is_free ? std::min(n_still_ + 1, kStillFrames) : 0;
   const bool is_followed = n_still_ == kStillFrames;
   if (is_followed) follow(level);
   rest.advance();

@@ -6,7 +6,9 @@
 //   uniform   samples within 1.5 % of their channel's m
 //   still     frame with at least 7/8 of the samples of every channel uniform, and no marker (of boards with targets:
 //             target) more than 1/4 px from its rest position
-//   gain_c += clamp(m_c, +-1/128) / 16 in every frame from the 16th still one in a row on; 0.75 <= gain_c <= 1.25
+//   gain_c += clamp(m_c, +-1/128) / 16 in every frame from the 16th still one in a row on; 0.75 <= gain_c <= 1.25.
+//             Without visible markers still frames count with 127/128 of the samples uniform: a small contact may change
+//             the whole picture a little
 //
 // The map of each channel over the picture follows (image/light_map.h).
 //

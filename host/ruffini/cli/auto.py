@@ -177,7 +177,7 @@ def _real(
         raise InputError("the lens is fitted to known points: give --points FILE (CSV: x_px, y_px, z_mm)")
     span = task.span(board, depth_m, shear_m, settings.limits.reach_m)
     if PROGRAMS[task.program].changes_tools:
-        span = settings.with_tools(span)
+        span = settings.with_tools(span, board)
         task.check(span)
     flashed = folder / "flashed.txt"  # what this run put there: it may be stopped and go on
 

@@ -116,7 +116,7 @@ def collect(
     )
     if asked.changes_tools:
         if settings is not None:
-            span = settings.with_tools(span)
+            span = settings.with_tools(span, found)
             if program == task.program:
                 task.check(span)
         elif program != task.program:

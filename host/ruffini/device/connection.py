@@ -22,11 +22,18 @@ from ruffini.errors import LineLostError, NoDeviceError, RefusedError, RuffiniEr
 from ruffini.wire import Decoder, Frame, Schema, encode_message
 from ruffini.wire.damage import DamageWatch
 
+
+def _patience() -> float:
+    """RUFFINI_PATIENCE, 1 or more: factor on the wait for replies and frames, for a computer that is far too busy."""
+    try:
+        return max(float(os.environ.get("RUFFINI_PATIENCE", "1")), 1.0)
+    except ValueError:
+        return 1.0
+
+
+PATIENCE = _patience()
 HELLO_TIMEOUT_S = 2.0
 BUSY_HELLO_S = 20.0  # a busy device answers late: it is asked for so long while it sends messages
-PATIENCE = float(
-    os.environ.get("RUFFINI_PATIENCE", "1")
-)  # factor on the waits below, for a computer that is far too busy
 REPLY_TIMEOUT_S, TRIES = 0.5, 12
 RETRIES = 3
 REOPEN_PAUSE_S = 0.02

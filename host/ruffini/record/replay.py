@@ -57,6 +57,7 @@ class ReplayedSensor:
         self._played_us: dict[tuple[int, int], int] = {}
         self.n_dropped = 0  # results that the host did not read in time
         self.n_frames = 0
+        self._is_over = False
 
     def __enter__(self) -> ReplayedSensor:
         return self
@@ -74,7 +75,8 @@ class ReplayedSensor:
             if not self._is_loop or last is None:
                 break
             shift = last + 1
-        # Bytes that the host has not read are lost when the pty is closed.
+        # Bytes that the host has not read are lost when the pty is closed. Answers to it would keep it open.
+        self._is_over = True
         read_s = pending_s = time.monotonic()
         n_before = self._n_unread()
         while self._every and not should_stop():
@@ -171,7 +173,7 @@ class ReplayedSensor:
         self._decoder = Decoder(from_host=True)
 
     def _answer(self, frame: Frame) -> None:
-        name = self._schema.type_name(frame.type)
+        name = None if self._is_over else self._schema.type_name(frame.type)
         if name == "HELLO":
             self._send(frame.type, self._hello.SerializeToString())
         elif name == "SCHEMA":

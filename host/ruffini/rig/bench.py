@@ -105,9 +105,10 @@ class Bench:
             self.person.confirm(f"{', '.join(asked)}, and take your hands off")
         if is_turned and turns:
             stage.stage.turn(turns)
-        self.mounted, self.guide.said = (tool, tilt_deg), "hands off: the machine presses"
+        self.guide.said = "hands off: the machine presses"
         self.reference.tare_change(TARE_S)  # it may hang on the reference
         stage.change_tip(Place(0.0, 0.0, 0.0) if self.holder is None else self.holder.aside(tilt_deg))
+        self.mounted = (tool, tilt_deg)
         return True
 
     def need_stage(self) -> GuardedStage:

@@ -25,6 +25,7 @@ ALARMS = {
     "9": "no limit switch was found while it homed",
 }
 ERRORS = {"9": "it is locked by an alarm", "15": "the jog leads out of its own soft limits", "22": "no speed was given"}
+TURN_S = 60.0  # through 120 degrees on both axes, slowly
 
 
 class Grbl:
@@ -98,11 +99,11 @@ class Grbl:
         raise NoDeviceError(f"{self.name} does not arrive at {place} within {timeout_s:.0f} s: is it blocked?")
 
     def turn(self, degrees: Mapping[str, float]) -> None:
-        self._command(f"G53 G1 {turning(degrees)}", ANSWER_S)
-        deadline = time.monotonic() + ANSWER_S
+        self._command(f"G53 G1 {turning(degrees)}", TURN_S)
+        deadline = time.monotonic() + TURN_S
         while self._report()[0] != "Idle":
             if time.monotonic() > deadline:
-                raise NoDeviceError(f"{self.name} still turns after {ANSWER_S:g} s: is it blocked?")
+                raise NoDeviceError(f"{self.name} still turns after {TURN_S:g} s: is it blocked?")
             time.sleep(REPORT_S)
         check_turned(self.name, degrees, dict(zip(AXES, self._axes, strict=False)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,11 @@ class Holder(NamedTuple):
         """Of each of the stage's axes."""
         turns = zip(self.axes, tilt_deg, strict=False)
         return {axis[-1]: (angle if axis[0] == "-" else 0.0 - angle) for axis, angle in turns}
+
+    def rise_m(self, tilts_deg: Sequence[Tilt]) -> float:
+        """By how much the fingertip may come up, at most, while it turns from one of these tilts to another."""
+        lowest = min((np.prod(np.cos(np.deg2rad(tilt))) for tilt in tilts_deg), default=1.0)
+        return float(abs(self.above_m) * (1 - lowest))
 
     def aside(self, tilt_deg: Tilt) -> Place:
         """By how far the middle of the sphere moves from where it is upright, in the stage's axes; z is measured."""

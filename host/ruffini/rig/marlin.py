@@ -18,6 +18,7 @@ MAX_RESENDS = 5
 POSITION = re.compile(r"X:(-?[\d.]+) Y:(-?[\d.]+) Z:(-?[\d.]+)")
 TURNED = re.compile(r" ([ABCUVW]):(-?[\d.]+)")
 RESEND = re.compile(r"(?:Resend|rs):?\s*N?(\d+)", re.IGNORECASE)
+TURN_S = 60.0  # through 120 degrees on both axes, slowly
 
 
 class Marlin:
@@ -79,9 +80,9 @@ class Marlin:
             raise
 
     def turn(self, degrees: Mapping[str, float]) -> None:
-        self._command(f"G1 {turning(degrees)}", ANSWER_S)
-        self._command("M400", ANSWER_S)
-        reported = TURNED.findall(" ".join(self._command("M114", ANSWER_S)))
+        self._command(f"G1 {turning(degrees)}", TURN_S)
+        self._command("M400", TURN_S)
+        reported = TURNED.findall(" ".join(self._command("M114", TURN_S)))
         check_turned(self.name, degrees, {axis: float(angle) for axis, angle in reported})
 
     def halt(self) -> None:

@@ -226,6 +226,9 @@ class TipSettings(_Section):
     diameter_mm: Positive
 
 
+CLEAR_MM = 1.0  # between a mounted tool and a fingertip that turns below it
+
+
 class IndenterSettings(_Section):
     """What a person mounts on the stage."""
 
@@ -300,13 +303,13 @@ class RigSettings(_Section):
     indenters: list[IndenterSettings] = []
     holder: HolderSettings | None = None
 
-    def with_tools(self, span: Span) -> Span:
+    def with_tools(self, span: Span, board: Board) -> Span:
         """Pressed with the indenters of this bench, one after the other, and at its holder's tilts.
 
         Raises
         ------
         InputError
-            The file lists no indenter, or two of one name.
+            The file lists no indenter, or two of one name, or a fingertip that turns may hit the tool above it.
         """
         names = [one.name for one in self.indenters]
         if twice := {name for name in names if names.count(name) > 1}:
@@ -317,6 +320,13 @@ class RigSettings(_Section):
                 "its file (host/ruffini/rig/README.md)"
             )
         tilts = () if self.holder is None else tuple((roll, pitch) for roll, pitch in self.holder.tilts_deg)
+        if self.holder is not None:
+            least_mm = 1e3 * self.holder.of(board).rise_m(tilts) + CLEAR_MM
+            if (self.limits.top_mm or 0.0) < least_mm:
+                raise InputError(
+                    f"limits.top_mm is {self.limits.top_mm:g}: the fingertip comes up by {least_mm - CLEAR_MM:.1f} mm "
+                    f"while it turns: give {least_mm:.1f} mm or more"
+                )
         return span._replace(tools=tuple(one.tool for one in self.indenters), tilts_deg=tilts)
 
 

@@ -148,7 +148,8 @@ class Light:
         is_uneven = 6 * n_level < 5 * n and pad == 2
         is_far = (is_still and np.abs(median).max() > 164) or (2 * n_level >= n and abs(median.sum()) > 738)
         self.is_off = is_far or is_uneven
-        self._n_still = min(self._n_still + 1, 16) if is_still else 0
+        is_free = pad != 1 or 128 * n_level >= 127 * n
+        self._n_still = min(self._n_still + 1, 16) if is_still and is_free else 0
         is_followed = self._n_still == 16
         if is_followed:
             self.gain = limited(self.gain + np.clip(median, -32, 32) * 16)

@@ -5,6 +5,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <cstring>
 #include <string>
 #include <thread>
@@ -88,9 +89,10 @@ class TwinCameraTest : public testing::Test {
 
   // The sender's thread may get no turn within the time that one call waits.
   [[nodiscard]] CaptureStatus first_of(Camera& camera) {
+    const auto hangs = std::chrono::steady_clock::now() + std::chrono::minutes(2);
     CaptureStatus status{};
     do status = camera.capture(pool_[0]);
-    while (status == CaptureStatus::kNothing);
+    while (status == CaptureStatus::kNothing && std::chrono::steady_clock::now() < hangs);
     return status;
   }
   [[nodiscard]] uint64_t time_of_frame_3(const Greeting& greeting, FrameSender sender) {

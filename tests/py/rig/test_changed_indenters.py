@@ -185,8 +185,8 @@ def test_a_collection_that_nobody_answers_stops_and_goes_on_with_what_is_left(pr
 
 def test_the_plan_mounts_each_listed_indenter_once(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(RIG + listed(INDENTERS))
-    plain = TASK.span(find_board("contact-glitter"), 1.7e-3, 0.0, None)
-    span = load_rig(tmp_path / "rig.toml").with_tools(plain)
+    board = find_board("contact-glitter")
+    span = load_rig(tmp_path / "rig.toml").with_tools(TASK.span(board, 1.7e-3, 0.0, None), board)
     tools = span.tools
     assert tools[1] == Tool("square", 5.5e-3, 60.0, "A2")
     check(span)
@@ -205,7 +205,8 @@ def test_the_plan_mounts_each_listed_indenter_once(tmp_path: Path) -> None:
 
 def test_a_rigid_one_needs_no_hardness(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(RIG + '[[indenters]]\nname = "S"\nshape = "flat"\nsize_mm = 8.0\n')
-    (tool,) = load_rig(tmp_path / "rig.toml").with_tools(Span(1e-3, 1e-3, 1e-3, 0.0)).tools
+    settings = load_rig(tmp_path / "rig.toml")
+    (tool,) = settings.with_tools(Span(1e-3, 1e-3, 1e-3, 0.0), find_board("contact-glitter")).tools
     assert tool.shore_a == 98
 
 
@@ -279,8 +280,10 @@ def test_the_plan_turns_the_holder_more_often_than_it_changes_tools(tmp_path: Pa
     settings, board = load_rig(tmp_path / "rig.toml"), find_board("stereo-fingertip")
     assert settings.holder is not None
     assert settings.holder.of(board) == Holder(pytest.approx(8e-3))
-    span = settings.with_tools(FINGERTIP.span(board, 1.6e-3, 0.0, None))
+    span = settings.with_tools(FINGERTIP.span(board, 1.6e-3, 0.0, None), board)
     FINGERTIP.check(span)
+    with pytest.raises(InputError, match="5 touches are fewer than 2 indenters at 3 tilts: give --n 6"):
+        FINGERTIP.fitted(span, 5, 1)
     items = [item for item in FINGERTIP.fitted(span, 12, 1) if isinstance(item, Indent)]
     setups = list(dict.fromkeys((item.tool.name, item.tilt_deg) for item in items))
     assert setups == [(name, tilt) for name in ("A1", "A2") for tilt in ((0, 0), (20, 0), (0, -30))]
@@ -288,6 +291,17 @@ def test_the_plan_turns_the_holder_more_often_than_it_changes_tools(tmp_path: Pa
     assert json.loads(json.dumps(span.facts)) == span.facts  # a log that is gone on with compares them
     with pytest.raises(InputError, match=r"take \[holder\] out"):
         check(span)
+
+
+def test_a_fingertip_that_may_come_up_to_the_tool_as_it_turns_is_refused(tmp_path: Path) -> None:
+    board, plain = find_board("stereo-fingertip"), Span(1e-3, 1e-3, 1e-3, 0.0)
+    holder = "[holder]\ntilts_deg = [[0.0, 0.0], [40.0, 40.0], [-20.0, 0.0]]\npivot_mm = 30.0\n"
+    (tmp_path / "rig.toml").write_text(RIG + listed(INDENTERS[:2]) + holder)
+    rise_mm = 8 * (1 - np.cos(np.deg2rad(40)) ** 2)
+    with pytest.raises(InputError, match=rf"top_mm is 3: .* comes up by {rise_mm:.1f} mm .* give {rise_mm + 1:.1f} mm"):
+        load_rig(tmp_path / "rig.toml").with_tools(plain, board)
+    (tmp_path / "rig.toml").write_text((tmp_path / "rig.toml").read_text().replace("top_mm = 3.0", "top_mm = 4.5"))
+    assert len(load_rig(tmp_path / "rig.toml").with_tools(plain, board).tilts_deg) == 3
 
 
 @pytest.mark.parametrize("tilts", ["[[0.0, 0.0], [20.0, 0.0]]", "[[20.0, 20.0]]"])

@@ -52,8 +52,11 @@ def adapt(runs: list[FeatureRun], prior: WrenchMap) -> Fit:
     said = prior.predicted(frames)
     by_touch = np.array([_of_touch(said[of], frames.wrench[of], prior.full) for of in frames.touch == touches[:, None]])
     is_told = np.isfinite(by_touch).sum(axis=0) >= LEAST_TOUCHES
-    if not is_told.any():
-        raise InputError(f"--prior: fewer than {LEAST_TOUCHES} touches load an axis that this calibration measures")
+    if missing := [AXES[i] for i in np.flatnonzero((prior.full > 0) & ~is_told)]:
+        raise InputError(
+            f"--prior: fewer than {LEAST_TOUCHES} touches load {', '.join(missing)}, which this calibration measures: "
+            "press along each of its axes, with a reference that measures them"
+        )
     errors = np.zeros_like(said)
     for left_out, touch in enumerate(touches):
         left = frames.touch == touch
@@ -66,8 +69,8 @@ def adapt(runs: list[FeatureRun], prior: WrenchMap) -> Fit:
         if not LEAST_GAIN <= gain[i] <= MOST_GAIN or r2[i] < LEAST_R2:
             raise InputError(
                 f"--prior: {AXES[i]} of this unit is {gain[i]:.2f} times what the calibration says, which explains "
-                f"{100 * r2[i]:.0f} % of it: this unit is not like those, or units or axes are mixed up; fit without "
-                "--prior"
+                f"{100 * r2[i]:.0f} % of it: this unit is not like those, or units or axes are mixed up, or this axis "
+                "was loaded too little; load it more, or fit without --prior"
             )
     found = _widened(_times(prior, gain), frames, errors, touches)
     return Fit(

@@ -69,8 +69,9 @@ class WrenchOptions:
     wrench_unit: WrenchUnitOption = None
     touch: TouchOption = None
     recording: RecordingOption = None
-    prior: Annotated[
-        bool, typer.Option("--prior/--no-prior", help="Of markers: lean on the pad's mechanics where that helps.")
+    mechanics: Annotated[
+        bool,
+        typer.Option("--mechanics/--no-mechanics", " /--no-prior", help="Markers lean on the pad's mechanics."),
     ] = True
     nonlinear: Annotated[
         bool, typer.Option("--nonlinear/--linear", help="Of many features: try kernels, kept where they err less.")
@@ -96,6 +97,7 @@ COMMAND = Command(
     logs="HDF5 or CSV with named columns, frames with wrench.csv, a folder of such recordings, or a log of "
     "`cal collect`.",
     options=WrenchOptions,
+    shared=("fleet",),
     needs_board=False,
     former_verb="wrench",
 )

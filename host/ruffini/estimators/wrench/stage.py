@@ -158,14 +158,17 @@ class WrenchEstimator(Estimator):
         """Fit to named columns, to videos beside a load cell, or to features and reference as `fit` does."""
         board = job.found
         read = _read(job, options, lambda done: progress(0.5 * done))
-        fit = fit_wrench_map(
-            read.runs,
-            holdout=options.holdout or ("recording" if len(set(recordings_of(read.runs))) > 1 else "block"),
-            bend=second_order_of(board) if board else None,
-            prior=marker_prior(board) if board and options.prior else None,
-            nonlinear=options.nonlinear,
-            grid=read.features.grid,
-        )
+        if job.other_units is not None:
+            fit = adapt(read.runs, map_in(job.other_units))
+        else:
+            fit = fit_wrench_map(
+                read.runs,
+                holdout=options.holdout or ("recording" if len(set(recordings_of(read.runs))) > 1 else "block"),
+                bend=second_order_of(board) if board else None,
+                prior=marker_prior(board) if board and options.mechanics else None,
+                nonlinear=options.nonlinear,
+                grid=read.features.grid,
+            )
         tensors, metadata = tables(fit, read.features)
         job.tensors |= tensors
         job.metadata |= metadata
