@@ -23,6 +23,7 @@ WORKER = "worker_on_files.js"
 FETCHED = "https://unpkg.com/iframe-worker/shim"
 MARK = ".made-by-build-site"
 LINK = re.compile(r"(!?\[(?:[^\]\[]|\[[^\]]*\])*\])\((?!https?:|mailto:|#)([^)\s#]+)(#[^)\s]*)?\)")
+TESTS_WORD = re.compile(r"^( *```\w+) \w.*$", re.M)
 BLOCK = re.compile(r"(^ *```.*?^ *```$)", re.M | re.S)
 
 
@@ -78,8 +79,11 @@ def texts() -> list[str]:
 
 
 def page(path: str, pages: Path) -> str:
-    """The text, its links mended and what they lead to copied; blocks of code stay as they are."""
-    parts = BLOCK.split((ROOT / path).read_text())
+    """The text, its links mended and what they lead to copied; blocks of code stay as they are.
+
+    A second word after a block's language is for the tests that run it: Markdown's own parser takes no such block.
+    """
+    parts = BLOCK.split(TESTS_WORD.sub(r"\1", (ROOT / path).read_text()))
     return "".join(part if i % 2 else LINK.sub(lambda m: mended(path, pages, m), part) for i, part in enumerate(parts))
 
 

@@ -96,7 +96,7 @@ def collect(
     from ruffini.estimators.table import pressed_for
     from ruffini.rig import collect as collecting
     from ruffini.rig.log_file import LogWriter
-    from ruffini.rig.program import PROGRAMS, Program, Touch, check_weights, plan, span_of
+    from ruffini.rig.program import PROGRAMS, Program, Touch, check_weights, plan, setups_left_out, span_of
 
     found = find_board(board)
     settings = None if rig == SIMULATED else _settings(rig)
@@ -128,6 +128,8 @@ def collect(
         if view:
             raise InputError(f"--view guides along a plan, and program {program!r} has none")
         return _by_log(found, settings, out, calibration, options, json_, dry_run=dry_run)
+    if asked.changes_tools and (missing := setups_left_out(span, count)):
+        note(missing)
     items = plan(program, span, count, seed, _by_hand(grams, force_n, torque_nmm, normal_n))
     if asked.is_of_scale and settings is not None:
         check_weights(items, settings.limits.max_force_n)

@@ -361,14 +361,19 @@ def _drawn(n: int, rng: np.random.Generator) -> list[Tool]:
     return [Tool(*one) for one in zip(shapes, radius.tolist(), shore.tolist(), strict=True)]
 
 
+def setups_left_out(span: Span, n: int) -> str:
+    """What so few touches leave out of the bench's indenters, each at all tilts; empty: nothing."""
+    n_all = len(span.tools) * max(len(span.tilts_deg), 1)
+    if n >= n_all:
+        return ""
+    return (
+        f"{n} touches are for {n} of {n_all} setups ({len(span.tools)} indenters, each at all tilts): give --n {n_all}"
+    )
+
+
 def _indents(span: Span, n: int, rng: np.random.Generator, _: ByHand) -> list[Item]:
     """Places spread; the bench's indenters one after the other, each at all tilts; of the twin's bench drawn ones."""
     listed = [(tool, tilt) for tool in span.tools for tilt in span.tilts_deg or (UPRIGHT,)]
-    if n < len(listed):
-        raise InputError(
-            f"{n} touches are fewer than {len(span.tools)} indenters at {max(len(span.tilts_deg), 1)} tilts: give --n "
-            f"{len(listed)} or more, or list fewer"
-        )
     setups = [listed[i * len(listed) // n] for i in range(n)] if listed else [(t, UPRIGHT) for t in _drawn(n, rng)]
     return [
         Indent(tool, float((2 * x - 1) * span.half_x_m), float((2 * y - 1) * span.half_y_m), span.deepest_m,
