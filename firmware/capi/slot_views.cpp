@@ -114,7 +114,8 @@ constexpr SlotView kViews[] = {
        }
        return path.targets().size();
      }},
-    {"features", Slot::kFeatures, "i4", "markers, targets: 1/65536 px, areas 1/256 px^2; picture: 1/65536 of rest", "",
+    {"features", Slot::kFeatures, "i4",
+     "markers, targets: 1/65536 px, areas 1/256 px^2; picture: 1/65536 of rest; depth: 2^-14 um, area 2^-24", "",
      [](const FramePath& path) { return shape_of(path.state().features.value.size()); },
      [](FramePath& path, void* to) {
        Out<int32_t>(to).put_all(path.state().features.value);

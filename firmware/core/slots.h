@@ -105,7 +105,7 @@ struct FrameState {
   // Inputs of a wrench, as changes relative to rest.
   struct {
     std::string_view sort;  // markers: dx, dy of each, px Q16; targets: dx, dy, px Q16, and change of area, px^2 Q8;
-                            // picture: relative change of B, G and R over a grid, Q16
+                            // picture: relative change of B, G and R over a grid, Q16; depth: depth_moments.h
     std::vector<int32_t> value;
   } features;
   struct {

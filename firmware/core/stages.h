@@ -45,6 +45,7 @@ using StagePointer = std::unique_ptr<Stage>;
 [[nodiscard]] StagePointer make_picture_features(const StageContext& context);
 [[nodiscard]] StagePointer make_photometric(const StageContext& context);
 [[nodiscard]] StagePointer make_poisson(const StageContext& context);
+[[nodiscard]] StagePointer make_depth_moments(const StageContext& context);
 [[nodiscard]] StagePointer make_displacement(const StageContext& context);
 [[nodiscard]] StagePointer make_operator(const StageContext& context);
 [[nodiscard]] StagePointer make_support(const StageContext& context);

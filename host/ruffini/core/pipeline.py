@@ -325,8 +325,9 @@ class Pipeline:
     def features(self) -> npt.NDArray[np.int64]:
         """Features of the last frame, (n,), of which the stage feature_wrench makes the wrench.
 
-        dx, dy (px Q16) and change of area (px^2 Q8) of each target; dx and dy of each marker; or the relative change
-        (Q16) of blue, green and red over the grid of [picture_features].
+        dx, dy (px Q16) and change of area (px^2 Q8) of each target; dx and dy of each marker; the relative change
+        (Q16) of blue, green and red over the grid of [picture_features]; or the moments of depth
+        (firmware/stages/depth_moments/depth_moments.h).
         """
         return self.raw("features").astype(np.int64)
 

@@ -62,7 +62,7 @@ TEST(Refusal, NamesTheStagesThatWriteWhatIsMissing) {
   EXPECT_EQ(refuse_stages(Stages{"difference", "markers", "operator"}), "stage operator needs the stage displacement");
   EXPECT_EQ(refuse_stages(Stages{"markers"}), "stage markers needs the stage difference");
   EXPECT_EQ(refuse_stages(Stages{"feature_wrench"}),
-            "stage feature_wrench needs the stage markers, targets or picture_features");
+            "stage feature_wrench needs the stage markers, targets, picture_features or depth_moments");
 }
 
 TEST(Refusal, NamesTwoWritersOfASlot) {

@@ -9,9 +9,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ruffini.boards import find_board, parse_board
+from ruffini.boards import Board, find_board, parse_board
+from ruffini.calibrate.fit.job import Job
 from ruffini.errors import InputError
-from ruffini.estimators.wrench.log import read_feature_runs, zero_of
+from ruffini.estimators.wrench.command import WrenchOptions
+from ruffini.estimators.wrench.log import features_of, read_feature_runs, zero_of
+from ruffini.estimators.wrench.stage import WRENCH
+from ruffini.estimators.wrench.task import PRESSES
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 from ruffini.rig.placed_weight import PlacedWeight
 
@@ -109,6 +113,67 @@ def test_features_of_a_gel_without_markers_and_the_axes_that_it_measures(tmp_pat
     write_log(path, Log({"board": "digit-tactile"}, [touch()], {}))
     with pytest.raises(InputError, match=r"holds no features of its picture: .* collect it again"):
         read_feature_runs([path], board)
+
+
+def moments_board() -> Board:
+    board = find_board("digit-tactile")
+    stages = '"difference", "photometric", "poisson", "depth_moments", "feature_wrench"'
+    head = board.text[: board.text.index("stages = ")]
+    section = head[head.index("[picture_features]") : head.index("[depth]")]
+    return parse_board(f"{head.replace(section, '')}stages = [{stages}]\n", "digit-tactile")
+
+
+def test_moments_of_depth_of_a_log(tmp_path: Path) -> None:
+    """The board's integers as FEATURES sends them, and the straight presses of a gel without markers."""
+    board, path = moments_board(), tmp_path / "log.h5"
+    assert features_of(board) == ("depth", 8, None)
+    assert WRENCH.task_of(board) is PRESSES
+    moments = 1000 * np.arange(N * 8, dtype=np.int32).reshape(N, 8)
+    record = touch(feature=moments, feature_s=np.arange(N) * 0.1)
+    write_log(path, Log({"board": "digit-tactile"}, [record], {}))
+    (run,) = read_feature_runs([path], board)
+    assert run.features.tolist() == moments.tolist()
+    write_log(path, Log({"board": "digit-tactile"}, [touch()], {}))
+    with pytest.raises(InputError, match="once its colours are calibrated: collect it again"):
+        read_feature_runs([path], board)
+
+
+def test_presses_of_one_ball_fit_moments_of_depth_and_claim_no_other_kind_of_contact(tmp_path: Path) -> None:
+    """Force in proportion to the volume; the other moments vary from touch to touch."""
+    board, path, rng = moments_board(), tmp_path / "log.h5", np.random.default_rng(4)
+    touches = []
+    for _ in range(20):
+        force = rng.uniform(0.5, 2.0) * np.minimum(np.arange(N), 3) / 3
+        moments = np.stack([2e5 * force, *(rng.uniform(-1e5, 1e5, (7, 1)) * force)], axis=1) + rng.normal(0, 20, (N, 8))
+        wrench = np.zeros((N, 6))
+        wrench[:, 2] = -force
+        arrays = {"feature": moments.round().astype(np.int32), "feature_s": np.arange(N) * 0.1}
+        touches.append(touch(reference_wrench=wrench, **arrays))
+    write_log(path, Log({"board": "digit-tactile"}, touches, {}))
+    job = Job(board, [path])
+    outcome = WRENCH.fit(job, lambda _: None)
+    assert job.metadata["wrench.features"] == "depth"
+    assert outcome.report["axes"]["Fz"]["rmse"] < 0.02
+    assert [line for line in outcome.remarks if "1 of 5 kinds of contact" in line]
+    sigma, full = (
+        np.sqrt((job.tensors["wrench.error"][1].astype(float) ** 2).sum(axis=0)),
+        job.tensors["wrench.full_scale"],
+    )
+    assert 0.49 < sigma[2] / full[2] < 0.6
+
+
+def test_frames_tell_no_moments_of_depth_without_the_units_colours(tmp_path: Path) -> None:
+    board = moments_board()
+    (tmp_path / "frames").mkdir()
+    grey = np.full((board.camera.height_px, board.camera.width_px, 3), 90, np.uint8)
+    n = board.pipeline.n_rest_frames + 2
+    for i in range(n):
+        cv2.imwrite(str(tmp_path / "frames" / f"{i:04d}.png"), grey)
+    (tmp_path / "wrench.csv").write_text("fx,fy,fz,tx,ty,tz\n" + n * "0,0,-1,0,0,0\n")
+    with pytest.raises(InputError, match="which pictures without their unit's colours do not tell"):
+        read_feature_runs([tmp_path], board)
+    with pytest.raises(InputError, match=r"videos.toml: .* which pictures without their unit's colours do not tell"):
+        WRENCH.fit_alone(Job(board, [tmp_path]), WrenchOptions(videos=tmp_path / "videos.toml"), lambda _: None)
 
 
 def test_what_pressed_is_the_tip_and_not_the_log(tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ class Fit:
 
 def fit_wrench_map(
     runs: list[FeatureRun], *, holdout: str = "recording", bend: Bend | None = None, prior: Array | None = None,
-    nonlinear: bool = False, grid: Grid | None = None,
+    nonlinear: bool = False, grid: Grid | None = None, is_of_gel: bool = False,
 ) -> Fit:  # fmt: skip
     """Fit K and what goes beyond it where that pays on held-out data.
 
@@ -151,6 +151,8 @@ def fit_wrench_map(
         touch-free moment to the next), `block` fifths of the time of each recording.
     nonlinear : of many features, try landmark kernels (`wrench_kernel`) too; kept where they err less.
     grid : planes, rows and columns of the features of a picture.
+    is_of_gel : the features are those of a gel without markers (a grid always is), which do not tell every kind of
+        contact apart.
 
     Raises
     ------
@@ -169,13 +171,15 @@ def fit_wrench_map(
     if abs(lags[-1] - lags[0]) < SAME_LAG_S:
         lags = lags[:1]
     nonlinear = nonlinear and seen.features.shape[1] > FEW
-    fits = [_fit_at(runs, lag_s, holdout, bend, prior, nonlinear, grid) for lag_s in lags]
+    fits = [
+        _fit_at(runs, lag_s, holdout, bend, prior, nonlinear, grid, is_of_gel or grid is not None) for lag_s in lags
+    ]
     return min(fits, key=lambda fit: float((1 - fit.r2).sum()))
 
 
 def _fit_at(
     runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | None, prior: Array | None, nonlinear: bool,
-    grid: Grid | None,
+    grid: Grid | None, is_of_gel: bool,
 ) -> Fit:  # fmt: skip
     frames = frames_of(runs, lag_s)
     folds = folds_of(frames, holdout)
@@ -218,7 +222,7 @@ def _fit_at(
                               is_two_held=rest is not None)  # fmt: skip
     if rest is not None:
         found = replace(found, rest=replace(rest.gate, error=rest.gate.error * (full > 0)))
-    if grid is not None and n_kinds < LEAST_KINDS:
+    if is_of_gel and n_kinds < LEAST_KINDS:
         found = replace(found, error=_for_other_kinds(found.error, full))
         checks.append(
             f"{n_kinds} of {LEAST_KINDS} kinds of contact: the stated uncertainty is at least "
@@ -520,7 +524,7 @@ def _widened(out: Array, errors: Array, size2: Array, folds: Folds, *, is_two_he
 
 
 def _for_other_kinds(error: Array, full: Array) -> Array:
-    """The growing part is at least OTHER_KIND of a force: a picture does not tell which kind of contact made it."""
+    """The growing part is at least OTHER_KIND of a force: a gel does not tell which kind of contact it feels."""
     growing = np.sqrt((error[1] ** 2).sum(axis=0))
     more = np.maximum(1, OTHER_KIND * full / np.maximum(growing, 1e-12))
     return np.stack([error[0], error[1] * np.where(full > 0, more, 1)])

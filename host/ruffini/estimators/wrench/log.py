@@ -34,6 +34,11 @@ UNNAMED = "a tip without a name"
 LEAST_REST, ZERO_SIGMAS = 8, 12.0  # frames, and standard errors by which a zero must be off to be one
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 WRENCH_NAMES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")  # of [board] not_measured
+GEL_SORTS = {
+    "picture": "features of its picture",
+    "depth": "moments of its depth, which a unit sends once its colours are calibrated",
+}
+N_MOMENTS = 8  # firmware/stages/depth_moments/depth_moments.h
 STEPS = {"targets": (65536.0, 65536.0, 256.0), "markers": (65536.0, 65536.0)}  # the core's: px Q16, px^2 Q8
 
 
@@ -69,11 +74,16 @@ class FeatureRun:
 
 
 class Features(NamedTuple):
-    """What the features of a log are: `targets`, `markers` or `picture`, and how many numbers a frame has."""
+    """What the features of a log are: `targets`, `markers`, `picture` or `depth`, and how many numbers a frame has."""
 
     sort: str
     n: int
     grid: tuple[int, int, int] | None = None  # of a picture: planes, rows, columns
+
+    @property
+    def is_of_gel(self) -> bool:
+        """Whether a gel without markers or targets makes them: logs have them as FEATURES sends them."""
+        return self.sort in GEL_SORTS
 
 
 def features_of(board: Board) -> Features:
@@ -91,8 +101,11 @@ def features_of(board: Board) -> Features:
     if board.picture_features is not None and "picture_features" in board.pipeline.stages:
         grid = (3, board.picture_features.n_y, board.picture_features.n_x)
         return Features("picture", int(np.prod(grid)), grid)
+    if "depth_moments" in board.pipeline.stages:
+        return Features("depth", N_MOMENTS)
     raise InputError(
-        f"board {board.name!r} has no stage targets, markers or picture_features: nothing to make a wrench of"
+        f"board {board.name!r} has no stage targets, markers, picture_features or depth_moments: nothing to make a "
+        "wrench of"
     )
 
 
@@ -129,7 +142,17 @@ def _runs_below(path: Path) -> list[Path]:
     return runs
 
 
+def check_tell_features(path: Path, board: Board) -> None:
+    """Raises InputError if pictures do not tell the board's features without a calibration of their unit."""
+    if features_of(board).sort == "depth":
+        raise InputError(
+            f"{path}: board {board.name!r} makes its features of depth, which pictures without their unit's colours do "
+            "not tell: give a log of ruffini cal collect"
+        )
+
+
 def _of_frames(path: Path, board: Board) -> FeatureRun:
+    check_tell_features(path, board)
     rig = path / "rig.npz"
     wrench = np.load(readable(rig))["force"] if rig.is_file() else reference_wrench(path, None)
     frames = read_frames(path)
@@ -199,8 +222,9 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
                               np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}",
                               kind))  # fmt: skip
     if not out:
-        kept = "features of its picture" if wanted.sort == "picture" else f"{wanted.sort} in pixels"
-        raise InputError(f"{path} holds no {kept}: give recordings of frames instead, or collect it again")
+        kept = GEL_SORTS.get(wanted.sort, f"{wanted.sort} in pixels")
+        or_frames = "" if wanted.sort == "depth" else "give recordings of frames instead, or "
+        raise InputError(f"{path} holds no {kept}: {or_frames}collect it again")
     return out
 
 
@@ -212,7 +236,7 @@ def _kind_of(facts: Mapping[str, Any]) -> str:
 
 def _rows_of(log: Log, touch: TouchRecord, sort: str) -> tuple[Array, Array] | None:
     """The sensor's times (t,) and the features (t, n) in the board's integers; None where a touch has none."""
-    if sort == "picture":
+    if sort in GEL_SORTS:
         rows = touch.arrays.get("feature")
         return None if rows is None else (touch.arrays["feature_s"], rows.astype(np.float64))
     moved, columns = touch.arrays.get("marker_displacement"), STEPS[sort]

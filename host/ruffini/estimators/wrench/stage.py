@@ -25,7 +25,7 @@ from ruffini.estimators.task import Task
 from ruffini.estimators.wrench.adapt import adapt
 from ruffini.estimators.wrench.command import COMMAND, WrenchOptions
 from ruffini.estimators.wrench.fit import FEW, N_FOLDS, Fit, fit_wrench_map
-from ruffini.estimators.wrench.log import FeatureRun, Features, features_of, read_feature_runs
+from ruffini.estimators.wrench.log import FeatureRun, Features, check_tell_features, features_of, read_feature_runs
 from ruffini.estimators.wrench.marker_prior import marker_prior
 from ruffini.estimators.wrench.model import AXES, frames_of, recordings_of
 from ruffini.estimators.wrench.report import wrench_report_of, wrench_table, write_wrench_page
@@ -99,6 +99,7 @@ def _read(job: Job, options: WrenchOptions, progress: Progress) -> _Read:
                          "--board for a recording of one of its sensors")  # fmt: skip
     if videos is None:
         return _Read(read_feature_runs(job.paths, board, progress=progress), features_of(board), [])
+    check_tell_features(videos, board)
     of_videos = VideoColumns.read(videos)
     log = read_video_log(job.paths, board, of_videos, progress=progress)
     of_videos.check_names(run.recording for run in log.runs)
@@ -128,7 +129,7 @@ class WrenchEstimator(Estimator):
         return self.is_used(board) and not CONTACT.applies(board)  # a contact model's is fitted together with it
 
     def task_of(self, board: Board) -> Task:
-        return PRESSES if features_of(board).sort == "picture" else TASK
+        return PRESSES if features_of(board).is_of_gel else TASK
 
     def fit(self, job: Job, progress: Progress) -> Outcome:
         """Fit to features and reference of every log; errors on recordings, or touches, that were left out."""
@@ -141,7 +142,7 @@ class WrenchEstimator(Estimator):
         else:
             # The change of a picture is not in proportion to the normal force: slopes either side of a dent cancel.
             fit = fit_wrench_map(runs, holdout=holdout, nonlinear=features.grid is not None, grid=features.grid,
-                                 **mechanics)  # fmt: skip
+                                 is_of_gel=features.is_of_gel, **mechanics)  # fmt: skip
         tensors, metadata = tables(fit, features)
         job.tensors |= tensors
         job.metadata |= metadata
@@ -168,6 +169,7 @@ class WrenchEstimator(Estimator):
                 prior=marker_prior(board) if board and options.mechanics else None,
                 nonlinear=options.nonlinear,
                 grid=read.features.grid,
+                is_of_gel=read.features.is_of_gel,
             )
         tensors, metadata = tables(fit, read.features)
         job.tensors |= tensors
