@@ -281,6 +281,7 @@ def test_whatever_ends_it_the_presses_stay_and_are_gone_on_with(
             page.reload()
             wait_for(page, "the same step", lambda s: s["phase"] == "ended", step_of)
             choose(other, "Continue")
+            wait_for(page, "what the other page began", lambda s: s["phase"] in ("press", "work"), step_of)
             follow(page, person, heard, is_enough=lambda step: step["nDone"] == 2 and step["asked"] > 0)
             os.kill(daemons[0].pid, signal.SIGKILL)
             wait_for(page, "the loss", lambda s: s["phase"] == "ended", step_of)
