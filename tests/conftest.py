@@ -22,7 +22,7 @@ from kept import cache_folder
 
 os.environ["RUFFINI_PATIENCE"] = "20"  # before the host is imported: it waits as long as a guard against a hang
 
-from ruffini.device import Connection, connection, ports
+from ruffini.device import ports
 
 COSTS = "module_seconds.json"
 _seconds: dict[str, float] = defaultdict(float)
@@ -75,12 +75,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(scope="session", autouse=True)
 def _patient_host() -> Iterator[None]:
-    """The kernel of a busy computer moves what was written to a pseudo-terminal when it comes to it; a daemon that just
-    put a calibration in force answers after it.
-    """
+    """The kernel of a busy computer moves what was written to a pseudo-terminal when it comes to it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ports, "WRITE_TIMEOUT_S", HANG_S)
-        patch.setattr(Connection.__init__, "__kwdefaults__", {"hello_timeout_s": connection.BUSY_HELLO_S})
         yield
 
 

@@ -8,6 +8,9 @@ import json
 import random
 import re
 import subprocess
+import threading
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +18,7 @@ import numpy as np
 import pytest
 from broken_line import BrokenLine, unplugged_host
 from foreign_reader import compare, read
-from hang import HANG_S
+from hang import HANG_S, Patience, until
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from test_bad_input import HOST, is_one_sentence, run_host
@@ -26,8 +29,8 @@ from ruffini.api import SensorFrame
 from ruffini.device import Connection
 from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError, NoDeviceError, RefusedError
-from ruffini.record import Recording, record_stream
-from ruffini.record.replay import replayed
+from ruffini.record import Recording, record_stream, replay
+from ruffini.record.replay import ReplayedSensor, replayed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -155,6 +158,51 @@ def test_played_it_is_the_sensor_again(run: Path, frames: list[SensorFrame]) -> 
             original = was.messages[name]
             message.stamp.capture_us = original.stamp.capture_us
             assert message.SerializeToString() == original.SerializeToString()
+
+
+@contextlib.contextmanager
+def over(run: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Connection]:
+    """A host that subscribed to a recording, and read nothing to its end; the line goes after that."""
+    monkeypatch.setattr(replay, "QUIET_S", 0.1)
+    sensor = ReplayedSensor(Recording(run), speed=50)
+
+    def play() -> None:
+        with sensor:
+            sensor.run()
+
+    playing = threading.Thread(target=play)
+    playing.start()
+    with Connection(sensor.port) as host:
+        host.subscribe(wrench=1)
+        until(lambda: sensor._is_over, "the end of the recording")
+        yield host
+        until(lambda: not playing.is_alive(), "the end of the line")
+
+
+def test_its_end_waits_for_a_host_that_has_not_read_it(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "END_S", HANG_S)
+    numbers = list[int]()
+    with over(run, monkeypatch) as host, contextlib.suppress(NoDeviceError):  # the line goes with its recording
+        time.sleep(10 * replay.QUIET_S)
+        for _, message in host.stream():
+            numbers.append(message.stamp.frame)
+    assert numbers == list(range(N_FRAMES))
+
+
+def test_questions_do_not_put_its_end_off(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "END_S", HANG_S)
+    patience = Patience()
+    with over(run, monkeypatch) as host, contextlib.suppress(NoDeviceError):
+        while not patience.is_over():
+            host._send("STATUS")
+            host._read()
+    assert not patience.is_over()
+
+
+def test_a_host_that_reads_no_more_is_given_up(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "END_S", 0.3)
+    with over(run, monkeypatch):
+        pass  # the host is there
 
 
 def test_played_again_and_again_its_frames_go_on(run: Path) -> None:

@@ -41,6 +41,17 @@ def test_new_empty_and_own_folders_become_empty(builder: Any, tmp_path: Path) ->
         assert [path.name for path in folder.iterdir()] == [builder.MARK]
 
 
+def test_the_tests_word_of_a_block_is_not_the_sites(
+    builder: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Markdown's own parser knows no block with a second word, and would swallow what follows it."""
+    monkeypatch.setattr(builder, "ROOT", tmp_path)
+    (tmp_path / "a.md").write_text("```sh long\nls a b\n```\n\n## After\n\n  ```console\n  ls c d\n  ```\n")
+    assert builder.page("a.md", tmp_path / "pages") == (
+        "```sh\nls a b\n```\n\n## After\n\n  ```console\n  ls c d\n  ```\n"
+    )
+
+
 def test_pages_take_their_script_from_the_site(builder: Any, tmp_path: Path) -> None:
     (tmp_path / "assets" / "javascripts").mkdir(parents=True)
     (tmp_path / "a").mkdir()

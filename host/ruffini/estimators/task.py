@@ -66,7 +66,7 @@ class Task:
 
 
 class Turned(NamedTuple):
-    """Of an estimator whose sensor is turned under several tools: by the twin's bench by itself, else by a person."""
+    """Of an estimator whose sensor is turned under several tools: the twin's bench turns it, on others a person."""
 
     name: str
     presses: str  # file of the board's folder that lists those of the twin

@@ -104,7 +104,7 @@ class Bench:
         elif asked:
             self.person.confirm(f"{', '.join(asked)}, and take your hands off")
         if is_turned and turns:
-            stage.stage.turn(turns)
+            stage.turn(turns)
         self.guide.said = "hands off: the machine presses"
         self.reference.tare_change(TARE_S)  # it may hang on the reference
         stage.change_tip(Place(0.0, 0.0, 0.0) if self.holder is None else self.holder.aside(tilt_deg))

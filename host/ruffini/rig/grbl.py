@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.gcode_line import GcodeLine
@@ -72,40 +72,45 @@ class Grbl:
         if not self._is_homed:
             raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
         distance = self.position().distance(place) + self._aside_m
-        try:
+        with self._halting():
             for words in moves(place, speed_m_s, self._rotary):
                 self._command(f"G53 G1 {words}", ANSWER_S, guard)
-            self._arrive(place, ANSWER_S + 2 * distance / speed_m_s, guard)
+            here = self._arrive(f"{place}", ANSWER_S + 2 * distance / speed_m_s, guard)
+            if here.distance(place) > ARRIVED_M:
+                raise NoDeviceError(f"{self.name} stands at {here}, not at {place}: a move was lost: home it again")
+
+    def turn(self, degrees: Mapping[str, float], guard: Guard = no_guard) -> None:
+        with self._halting():
+            words = turning(degrees)
+            self._command(f"G53 G1 {words}", TURN_S, guard)
+            self._arrive(words, TURN_S, guard)
+        check_turned(self.name, degrees, dict(zip(AXES, self._axes, strict=False)))
+
+    @contextlib.contextmanager
+    def _halting(self) -> Iterator[None]:
+        """A context that the guard, or Ctrl-C, leaves with the machine standing still, if it knows where it is."""
+        try:
+            yield
         except BaseException:
-            if self._is_homed:  # it still knows where it is: the guard, or Ctrl-C, wants it to stand still
+            if self._is_homed:
                 with contextlib.suppress(RuffiniError):
                     self.halt()
             raise
 
-    def _arrive(self, place: Place, timeout_s: float, guard: Guard) -> None:
+    def _arrive(self, there: str, timeout_s: float, guard: Guard) -> Place:
+        """Where it stands after a move to `there`."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             guard()
             state, here = self._report()
             if state == "Idle":
-                if here.distance(place) > ARRIVED_M:
-                    raise NoDeviceError(f"{self.name} stands at {here}, not at {place}: a move was lost: home it again")
-                return
+                return here
             if state not in ("Run", "Jog"):
                 raise RefusedError(
-                    f"{self.name} went into state {state} on the way to {place}: clear it at the machine"
+                    f"{self.name} went into state {state} on the way to {there}: clear it at the machine"
                 )
             time.sleep(REPORT_S / 2)
-        raise NoDeviceError(f"{self.name} does not arrive at {place} within {timeout_s:.0f} s: is it blocked?")
-
-    def turn(self, degrees: Mapping[str, float]) -> None:
-        self._command(f"G53 G1 {turning(degrees)}", TURN_S)
-        deadline = time.monotonic() + TURN_S
-        while self._report()[0] != "Idle":
-            if time.monotonic() > deadline:
-                raise NoDeviceError(f"{self.name} still turns after {TURN_S:g} s: is it blocked?")
-            time.sleep(REPORT_S)
-        check_turned(self.name, degrees, dict(zip(AXES, self._axes, strict=False)))
+        raise NoDeviceError(f"{self.name} does not arrive at {there} within {timeout_s:.0f} s: is it blocked?")
 
     def halt(self) -> None:
         self._line.send(b"!")

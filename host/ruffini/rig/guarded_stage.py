@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ruffini import host_clock
 from ruffini.errors import InputError, NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.contact_surface import ContactSurface
-from ruffini.rig.stage import Guard, Place, Stage
+from ruffini.rig.stage import Guard, Place, Stage, no_guard
 
 Array = npt.NDArray[np.float64]
 ForceOf = Callable[[], Array]  # force ON the pad, (3,) or more, N; NaN where it is not measured
@@ -105,6 +105,10 @@ class GuardedStage:
         self.limits.check(Place(x_m, y_m, self.limits.top_m))
         self.lift()
         self._move(Place(x_m, y_m, self.limits.top_m), TRAVEL_M_S)
+
+    def turn(self, degrees: Mapping[str, float]) -> None:
+        """Turn what is pressed; the guards watch."""
+        self.stage.turn(degrees, self._watch)
 
     def approach(self, x_m: float, y_m: float) -> float:
         """Down until it touches; height of the contact.
@@ -220,7 +224,7 @@ class DryStage:
         self._place = place
         self.moves.append(place)
 
-    def turn(self, degrees: Mapping[str, float]) -> None:
+    def turn(self, degrees: Mapping[str, float], guard: Guard = no_guard) -> None:
         self.turned = dict(degrees)
 
     def halt(self) -> None:

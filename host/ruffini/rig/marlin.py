@@ -6,7 +6,7 @@ import contextlib
 import functools
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.gcode_line import GcodeLine
@@ -69,21 +69,28 @@ class Marlin:
     def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
         if not self._is_homed:
             raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
-        try:
+        with self._halting():
             for words in moves(place, speed_m_s, self._rotary):
                 self._command(f"G1 {words}", ANSWER_S, guard)
             self._command("M400", ANSWER_S, guard)  # answered when it stands
+
+    def turn(self, degrees: Mapping[str, float], guard: Guard = no_guard) -> None:
+        with self._halting():
+            self._command(f"G1 {turning(degrees)}", TURN_S, guard)
+            self._command("M400", TURN_S, guard)
+        reported = TURNED.findall(" ".join(self._command("M114", ANSWER_S)))
+        check_turned(self.name, degrees, {axis: float(angle) for axis, angle in reported})
+
+    @contextlib.contextmanager
+    def _halting(self) -> Iterator[None]:
+        """A context that the guard, or Ctrl-C, leaves with the machine standing still, if it knows where it is."""
+        try:
+            yield
         except BaseException:
-            if self._is_homed:  # it still knows where it is: the guard, or Ctrl-C, wants it to stand still
+            if self._is_homed:
                 with contextlib.suppress(RuffiniError):
                     self.halt()
             raise
-
-    def turn(self, degrees: Mapping[str, float]) -> None:
-        self._command(f"G1 {turning(degrees)}", TURN_S)
-        self._command("M400", TURN_S)
-        reported = TURNED.findall(" ".join(self._command("M114", TURN_S)))
-        check_turned(self.name, degrees, {axis: float(angle) for axis, angle in reported})
 
     def halt(self) -> None:
         """At once with Marlin's EMERGENCY_PARSER, else at the end of the move: so moves near the pad are short."""

@@ -322,10 +322,10 @@ class RigSettings(_Section):
         tilts = () if self.holder is None else tuple((roll, pitch) for roll, pitch in self.holder.tilts_deg)
         if self.holder is not None:
             least_mm = 1e3 * self.holder.of(board).rise_m(tilts) + CLEAR_MM
-            if (self.limits.top_mm or 0.0) < least_mm:
+            if (top_mm := 1e3 * self.limits.limits.top_m) < least_mm:
                 raise InputError(
-                    f"limits.top_mm is {self.limits.top_mm:g}: the fingertip comes up by {least_mm - CLEAR_MM:.1f} mm "
-                    f"while it turns: give {least_mm:.1f} mm or more"
+                    f"limits.top_mm is {top_mm:g}: the fingertip comes up by {least_mm - CLEAR_MM:.1f} mm while it "
+                    f"turns: give {least_mm:.1f} mm or more"
                 )
         return span._replace(tools=tuple(one.tool for one in self.indenters), tilts_deg=tilts)
 

@@ -113,8 +113,8 @@ class Stage(Protocol):
             It was unplugged, was reset, or does not arrive.
         """
 
-    def turn(self, degrees: Mapping[str, float]) -> None:
-        """Axes that turn what is pressed, by their G-code words; returns when they stand there. Raises as `move`."""
+    def turn(self, degrees: Mapping[str, float], guard: Guard = no_guard) -> None:
+        """Turn what is pressed, by the G-code words of its axes; returns when they stand there. As `move`."""
 
     def halt(self) -> None:
         """Stand still as soon as it can, and be ready for a move after that."""

@@ -2,9 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
+#include <iterator>
 #include <random>
 #include <string>
 
+#include "base/processor.h"
 #include "support/test_board.h"
 
 namespace ruffini::kernels {
@@ -19,7 +22,7 @@ struct Version {
 std::vector<Version> versions() {
   std::vector<Version> out = {{"neon", &kNeon}};
 #if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx2")) out.push_back({"avx2", &kAvx2});
+  if (has_avx2()) out.push_back({"avx2", &kAvx2});
 #endif
   return out;
 }
@@ -39,6 +42,15 @@ Solved solve(const BoardSettings& board, PoissonRun version, const std::vector<C
   out.saturations = counter.count;
   return out;
 }
+
+#if defined(__x86_64__)
+TEST(Kernels, Avx2IsFoundWhereLinuxListsIt) {
+  std::ifstream file("/proc/cpuinfo");
+  const std::string told((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  ASSERT_FALSE(told.empty());
+  EXPECT_EQ(has_avx2(), told.find(" avx2") != std::string::npos);
+}
+#endif
 
 TEST(Kernels, PoissonIsTheSameAtAnySizeAndSlope) {
   std::mt19937 random(11);  // NOLINT: the same numbers on every run

@@ -13,6 +13,7 @@ from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job
 from ruffini.errors import InputError
 from ruffini.estimators.wrench.adapt import adapt
+from ruffini.estimators.wrench.command import WrenchOptions
 from ruffini.estimators.wrench.fit import Fit, fit_wrench_map
 from ruffini.estimators.wrench.log import FeatureRun, Features
 from ruffini.estimators.wrench.model import frames_of
@@ -80,6 +81,8 @@ def test_a_fit_with_a_prior_begins_with_it(monkeypatch: pytest.MonkeyPatch) -> N
     job = Job(board, [], other_units=CalibrationFile(tensors, {**metadata, "kinds": "wrench"}))
     outcome = WRENCH.fit(job, lambda _: None)
     assert "forces are those of the units of --prior, times 1.29" in outcome.remarks[0]
+    alone = WRENCH.fit_alone(job, WrenchOptions(), lambda _: None)
+    assert alone.report["axes"]["Fz"] == outcome.report["axes"]["Fz"]
     with pytest.raises(InputError, match="only 3 touches: 5 are needed"):
         WRENCH.fit(replace(job, other_units=None), lambda _: None)
 

@@ -116,6 +116,11 @@ def test_fit_takes_a_calibration_of_other_units_where_forces_come_from_features(
                              "--prior", prior)  # fmt: skip
         assert code == 2
         assert ("only stage wrench begins with a calibration of other units" in error) == (board == "gelslim")
+    code, _, error = run(
+        "cal", "fit", "--only", "wrench", tmp_path / "log.h5", "--board", "ninedtact", "--prior", prior
+    )
+    assert code == 4
+    assert "digit-tactile" in error
     code, _, error = run("cal", "fit", tmp_path / "log.h5", "--board", "ninedtact", "--out", tmp_path / "cal",
                          "--prior", prior)  # fmt: skip
     assert code == 4

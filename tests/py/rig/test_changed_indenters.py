@@ -23,7 +23,7 @@ from ruffini.rig.holder import UPRIGHT, Holder
 from ruffini.rig.log_file import LogWriter, TouchRecord
 from ruffini.rig.program import Indent, Item, Span, Tool, plan, setups_left_out
 from ruffini.rig.settings import load_rig
-from ruffini.rig.stage import Place
+from ruffini.rig.stage import Guard, Place
 
 LIMITS = Limits(0.006, 0.006, 0.003, -0.003, 0.002, 20.0, near_m=3e-4)
 FLAT, SOFT = Tool("flat", 5e-3, 80.0, "A1"), Tool("sphere", 5e-3, 20.0, "B2")
@@ -138,7 +138,7 @@ def test_each_is_mounted_once_with_the_tip_up_and_found_where_it_ends(pressed: P
         "mount indenter A1 (flat of 10.0 mm", "mount indenter B2 (sphere of 10.0 mm",
     ]  # fmt: skip
     assert min(pressed.heights) > LIMITS.top_m - 2 * LONGER_M
-    assert pressed.reference.n_tared > 2  # what hangs on it is tared anew
+    assert pressed.reference.n_tared > 2  # again after each change: the indenter may hang on it
     for number, record in kept.items():
         assert record.facts["tool"] == items[number].tool._asdict()  # type: ignore[union-attr]
         assert record.facts["held_host_s"] == record.facts["touched_host_s"]  # all of the way down counts
@@ -264,6 +264,37 @@ def test_a_holder_is_turned_between_presses_and_the_tip_follows_the_middle_of_th
     places = sorted({(round(m.x_m, 7), round(m.y_m, 7)) for m in lowest})
     assert places == sorted((round(1e-3 + x, 7), round(y, 7)) for x, y in aside)
     assert [record.arrays["stage_place"][-1, 0] for record in kept.values()] == pytest.approx([1e-3] * 3)
+
+
+def test_hands_that_stay_on_the_bench_are_asked_off_again(pressed: Pressed) -> None:
+    tare_change = pressed.reference.tare_change
+
+    def unsteady(duration_s: float) -> np.ndarray:
+        raise RefusedError("the reference is not steady")
+
+    pressed.reference.tare_change = unsteady  # type: ignore[method-assign]
+    with pytest.raises(RefusedError, match="not steady"):
+        pressed.bench.put_on(FLAT)
+    pressed.reference.tare_change = tare_change  # type: ignore[method-assign]
+    assert pressed.bench.put_on(FLAT)
+    assert len(pressed.told) == 2
+    assert not pressed.bench.put_on(FLAT)
+
+
+def test_the_guards_watch_a_turn(pressed: Pressed) -> None:
+    pressed.bench.holder = Holder(0.0, ("A", "-B"))
+    watched = list[bool]()
+
+    def turn(degrees: dict[str, float], guard: Guard) -> None:
+        pressed.length_m = 10.0  # something presses
+        watched.append(True)
+        guard()
+
+    pressed.dry.turn = turn  # type: ignore[method-assign, assignment]
+    pressed.bench.stage = GuardedStage(pressed.dry, Place(0.0, 0.0, 0.0), LIMITS, lambda: 30 * pressed.force())
+    with pytest.raises(RefusedError, match=r"the reference measures 30\.00 N"):
+        pressed.bench.put_on(FLAT, (15.0, 0.0))
+    assert watched == [True]
 
 
 def test_a_five_axis_stage_turns_by_itself(pressed: Pressed, tmp_path: Path) -> None:

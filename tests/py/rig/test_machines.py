@@ -32,6 +32,10 @@ def pair(request):
         stage.close()
 
 
+def stopped() -> None:
+    raise RefusedError("the stop key")
+
+
 def once_it_moves(machine: EmulatedMachine, act) -> None:
     """Act in a thread of its own, as soon as the machine moves."""
 
@@ -260,6 +264,8 @@ def test_a_five_axis_stage_turns_what_is_pressed_or_says_that_it_has_no_such_axi
         assert machine.turned == {"A": -30.0, "B": 20.0}
         stage.move(stage.position().plus(Place(1e-3, 0.0, 0.0)), 0.03)
         assert machine.turned == {"A": -30.0, "B": 20.0}
+        with pytest.raises(RefusedError, match="the stop key"):
+            stage.turn({"A": 0.0}, stopped)
         with pytest.raises(NoDeviceError, match=r"has not turned its axis C.*check \[holder\] axes"):
             stage.turn({"C": 10.0})
         stage.close()
