@@ -2,10 +2,10 @@
 
 schema = 1
 [reference]
-kind = "text"               # i2c: part_number, bus; network: host, full_scale, sigma (six each, N and N m), axes
-                            # (which of its axes are the pad's: ["+y", "-x", "+z"]), arm_mm (the pad's centre from
-                            # its origin; needed with a connector); weight: sigma_g; hid: path ("/dev/hidraw0"),
-                            # sigma_g; csv: path
+kind = "text"               # all keys: the classes below. i2c: part_number; network: host, full_scale, sigma (six
+                            # each, N and N m), axes (which of its axes are the pad's: ["+y", "-x", "+z"]), arm_mm
+                            # (the pad's centre from its origin; needed with a connector); weight: sigma_g; hid: path
+                            # ("/dev/hidraw0"); csv: path
 port = "/dev/ttyUSB0"
 unit = "g"
 full_scale_n = 20.0

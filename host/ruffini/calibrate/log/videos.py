@@ -1,11 +1,11 @@
-"""Videos of a pressed gel, beside each a CSV of the same name with the readings of a load cell, one row a frame.
+r"""Videos of a pressed gel, beside each a CSV of the same name with the readings of a load cell, one row a frame.
 
 What the load cell reads while rest is learned, in the first frames, is its zero. A small TOML file names the columns:
 
     force = "force_n"                 # of the load along the pad's normal, positive where it presses
     unit = "N"
     frame = "frame"                   # optional: number of the video's frame, from 0; else a row for each frame
-    recording = '(.*)_\\d+'            # optional: regular expression of the video's name; those with the same first
+    recording = '(.*)_\d+'             # optional: regular expression of the video's name; those with the same first
                                       # group are of one object, and left out together; else each video is alone
     largest_jump = 10.0               # optional, in the unit, above zero: readings of neighbouring frames that differ
                                       # by more are glitches, left out
