@@ -42,7 +42,6 @@ max_force_n = 6.0
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -52,6 +51,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.files import readable
+from ruffini.older_python import tomllib
 from ruffini.rig.grbl import Grbl
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.hid_scale import HidScale

@@ -21,7 +21,6 @@ What the load cell reads while rest is learned, in the first frames, is its zero
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +35,7 @@ from ruffini.errors import InputError
 from ruffini.estimators.wrench.log import LOST_OR_DARK, FeatureRun
 from ruffini.files import readable
 from ruffini.frames import read_frames
+from ruffini.older_python import tomllib
 from ruffini.rig.csv_log import read_table
 from ruffini.rig.units import force_factor
 
