@@ -150,10 +150,9 @@ def verb(command: Command | None = None) -> Callable[..., None]:
 
     Those of its own replace those of `fit` that have their names.
     """
-    hints = get_type_hints(fit, include_extras=True)
     taken = {
-        name: one.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[name])
-        for name, one in inspect.signature(fit).parameters.items()
+        name: one.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, one in inspect.signature(fit, eval_str=True).parameters.items()
         if name != "options" and (command is None or name in (*COMMON, *command.shared))
     }
     own = () if command is None or command.options is None else dataclasses.fields(command.options)
