@@ -365,8 +365,7 @@ void Session::watch_zero(uint64_t now_us) {
   refused_zeros_ = n;
   send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "zero_refused",
              "something came onto the pad, or the light changed, while rest was learned: the previous rest stays; "
-             "clear the pad, "
-             "steady the light and zero again");
+             "clear the pad, steady the light and zero again");
 }
 
 // Before frames arrive again, a finger may lie on the pad; it must not become part of the rest image.
