@@ -25,7 +25,14 @@ from ruffini.estimators.task import Task
 from ruffini.estimators.wrench.adapt import adapt
 from ruffini.estimators.wrench.command import COMMAND, WrenchOptions
 from ruffini.estimators.wrench.fit import FEW, N_FOLDS, Fit, fit_wrench_map
-from ruffini.estimators.wrench.log import FeatureRun, Features, check_tell_features, features_of, read_feature_runs
+from ruffini.estimators.wrench.log import (
+    COLUMNS,
+    FeatureRun,
+    Features,
+    check_tell_features,
+    features_of,
+    read_feature_runs,
+)
 from ruffini.estimators.wrench.marker_prior import marker_prior
 from ruffini.estimators.wrench.model import AXES, frames_of, recordings_of
 from ruffini.estimators.wrench.report import wrench_report_of, wrench_table, write_wrench_page
@@ -85,7 +92,7 @@ def _read(job: Job, options: WrenchOptions, progress: Progress) -> _Read:
         raise InputError("--videos needs --board: the features of a video are those that its board computes")
     if named is not None:
         of_columns = read_column_logs(job.paths, named)
-        features = Features("columns", len(of_columns.names))
+        features = Features(COLUMNS, len(of_columns.names))
         if board is not None:
             features = features_of(board)
             if features.n != len(of_columns.names):
