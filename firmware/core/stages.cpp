@@ -11,6 +11,7 @@ StagePointer make_light(const StageContext& context);
 StagePointer make_markers(const StageContext& context);
 StagePointer make_targets(const StageContext& context);
 StagePointer make_picture_features(const StageContext& context);
+StagePointer make_spot_intensities(const StageContext& context);
 StagePointer make_photometric(const StageContext& context);
 StagePointer make_poisson(const StageContext& context);
 StagePointer make_depth_moments(const StageContext& context);
@@ -73,6 +74,16 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .part_of = "",
      .features = {.name = "picture", .unit = "1/65536 of rest", .varies_by_lamp = true},
      .make = make_picture_features},
+    {.name = "spot_intensities",
+     .reads = {kDifference},
+     .reads_if_written = {},
+     .writes = {kFeatures},
+     .amends = {},
+     .sections = "markers",
+     .kind = "",
+     .part_of = "",
+     .features = {.name = "spots", .unit = "1/65536 of rest"},
+     .make = make_spot_intensities},
     {.name = "light",
      .reads = {kDifference},
      .reads_if_written = {kMarkers, kTargets, kSlope, kNodeForces},
