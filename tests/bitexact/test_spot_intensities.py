@@ -90,7 +90,7 @@ class Bundle:
         return np.clip(np.round(colours), 0, 255).astype(np.uint8)
 
     def pressed(self, size: float) -> npt.NDArray[np.float64]:
-        return np.asarray(size * np.exp(-((self.at - self.at.mean(axis=0)) ** 2).sum(axis=1) / 400))
+        return np.asarray(size * np.exp(-((self.at - self.at[len(self.at) // 2]) ** 2).sum(axis=1) / 300))
 
 
 def opened(text: str, n: int) -> tuple[Board, dict[str, npt.NDArray[np.generic]], Pipeline]:

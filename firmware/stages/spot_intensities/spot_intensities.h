@@ -9,8 +9,9 @@
 //   m       median of f of the spots that are seen: element n / 2 of n in order
 //   g      += clamp(m, +-1/128) / 16 in every frame from the 16th still one on; Q20, 0.75 to 1.25. It follows lamps
 //           that age, and starts from 1 with a new rest picture
-//   still   all spots that are seen within 0.5 % of m, and |m| <= 4 %: five times the noise of a spot of 300 pixels.
-//           image/light.h, which follows the light of gels, takes a press that brightens an eighth of all spots for daylight
+//   still   all spots that are seen within 1 % of m, and |m| <= 4 %: six times the noise of a spot of 80 pixels.
+//           image/light.h, which follows the light of gels, takes a press that brightens an eighth of the picture for
+//           daylight
 //   lost    at rest below 16 grey levels or with an eighth of its pixels at 255; now below a 16th of its light at rest, or
 //           with an eighth of its pixels at 255: a broken fibre, or one too bright. Its f is the mean, half up, of the
 //           seen ones among the kNear nearest spots, else 0

@@ -12,7 +12,7 @@ from mirror.fixed import I64, div_half_up
 
 ONE, GAIN, NEAR = 1 << 16, 1 << 20, 6
 LEAST_LEVEL, GREY_OF_LEVEL = 16, 48
-SAME, MOST, STEP, STILL_FRAMES = 328, 2621, 512, 16
+SAME, MOST, STEP, STILL_FRAMES = 655, 2621, 512, 16
 
 
 class Seen(NamedTuple):

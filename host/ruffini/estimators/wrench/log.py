@@ -1,15 +1,15 @@
 """Image features with a reference wrench beside them: what `ruffini cal fit --only wrench` fits and judges on.
 
 The features are the core's own integers (`Pipeline.features`), whatever their sort and the file: a folder of frames
-with `wrench.csv`, a run of `ruffini reproduce --only recordings` with what its bench read, a folder of such runs, or the
-targets or markers of a `cal collect` log.
+with `wrench.csv`, a run of `ruffini reproduce --only recordings` with what its bench read, a folder of such runs, a
+`cal collect` log, or a CSV of features and reference (`calibrate.log.columns.PLAIN`).
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -124,7 +124,12 @@ def read_feature_runs(paths: list[Path], board: Board, *, progress: Progress = l
     sources = [run for path in paths for run in _runs_below(path)]
     out: list[FeatureRun] = []
     for i, source in enumerate(sources):
-        out += _of_log(source, board) if source.is_file() and source.suffix == ".h5" else [_of_frames(source, board)]
+        if source.is_file() and source.suffix == ".csv":
+            out += _of_csv(source, board)
+        else:
+            out += (
+                _of_log(source, board) if source.is_file() and source.suffix == ".h5" else [_of_frames(source, board)]
+            )
         progress((i + 1) / len(sources))
     return out
 
@@ -191,6 +196,30 @@ def _degrees_of_frames(path: Path, board: Board, kept: list[int]) -> Degrees | N
     if celsius is None or board.temperature is None:
         return None
     return Degrees(celsius[kept], np.full(len(kept), celsius[max(kept[0] - 1, 0)]))
+
+
+def _of_csv(path: Path, board: Board) -> list[FeatureRun]:
+    from ruffini.calibrate.log.columns import read_plain_log  # which has this module's runs
+
+    log = read_plain_log(path)
+    check_number(path, len(log.names), board)
+    return [on_board(run, board) for run in log.runs]
+
+
+def check_number(path: Path, n: int, board: Board) -> None:
+    """Raises InputError if a log's rows have another number of features than the board's."""
+    features = features_of(board)
+    if features.n != n:
+        raise InputError(
+            f"{path}: has {n} features, board {board.name!r} makes {features.n} of its {features.sort}: another "
+            "sensor, or leave --board out"
+        )
+
+
+def on_board(run: FeatureRun, board: Board) -> FeatureRun:
+    """A run of a log from elsewhere with zero for what the board does not measure."""
+    reference = run.reference * measured_axes(board)
+    return replace(run, reference=reference)
 
 
 def _of_log(path: Path, board: Board) -> list[FeatureRun]:
