@@ -52,10 +52,10 @@ COLUMNS = (
     "date",
 )
 TIPS = "## Indenters left out of the fit"
-TIP_COLUMNS = ("board", "largest force", "MAE", "ridge", "kernel ridge", "within one / two sigma", "untouched", "commit",
-               "date")  # fmt: skip
+TIP_COLUMNS = ("board", "largest force", "MAE", "ridge", "kernel ridge", "within one / two sigma", "untouched",
+               "commit", "date")  # fmt: skip
 NORMAL = AXES.index("Fz")
-# What of_tips presses: radius in mm; every place a touch to at most DEEPEST_M, N_FREE pictures without contact before it.
+# What of_tips presses: radius in mm; at each place a touch to at most DEEPEST_M after N_FREE pictures without contact.
 TIPS_PRESSED = (("sphere", 2.0), ("sphere", 3.2), ("sphere", 4.5), ("flat", 1.5), ("flat", 2.2), ("cone", 2.5))
 N_PLACES, N_STEPS, N_FREE, PLACED, DEEPEST_M = 4, 8, 8, 0.45, 0.9e-3
 CELL_N, LEAST_N, UNTOUCHED_S = 5e-3, 0.02, 5.0  # noise of the load cell; smallest force that is judged
@@ -108,8 +108,8 @@ class Tips(NamedTuple):
     def text(self, at: str, date: str) -> str:
         """The row in Markdown."""
         within = " / ".join(f"{100 * share:.0f} %" for share in self.within)
-        cells = (self.board, f"{self.largest:.2f} N", f"{self.ours:.3f}", f"{self.ridge:.3f}", f"{self.kernel_ridge:.3f}",
-                 within, f"{self.untouched:.3f}", at, date)  # fmt: skip
+        errors = (f"{mae:.3f}" for mae in (self.ours, self.ridge, self.kernel_ridge))
+        cells = (self.board, f"{self.largest:.2f} N", *errors, within, f"{self.untouched:.3f}", at, date)
         return f"| {' | '.join(cells)} |"
 
 

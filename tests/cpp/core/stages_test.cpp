@@ -74,7 +74,8 @@ TEST(Refusal, NamesTheStagesThatWriteWhatIsMissing) {
   const std::string said = refuse_stages(Stages{"feature_wrench"});
   EXPECT_EQ(said.find("stage feature_wrench needs the stage markers, targets"), 0U) << said;
   for (const StageEntry& entry : stage_table()) {
-    if (entry.writes.has(Slot::kFeatures)) EXPECT_NE(said.find(std::string(entry.name)), std::string::npos) << said;
+    if (!entry.writes.has(Slot::kFeatures)) continue;
+    EXPECT_NE(said.find(std::string(entry.name)), std::string::npos) << said;
   }
   EXPECT_EQ(said.find("photometric"), std::string::npos) << said;
 }

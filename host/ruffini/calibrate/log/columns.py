@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
-from ruffini.estimators.wrench.log import UNNAMED, FeatureRun
+from ruffini.estimators.wrench.run import UNNAMED, FeatureRun
 from ruffini.files import dataset_values, readable
 from ruffini.rig.csv_log import read_rows
 from ruffini.rig.units import force_factor, torque_factor

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,10 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board, parse_board
+from ruffini.calibrate.log.columns import read_plain_log
 from ruffini.calibrate.log.reference import celsius_of_csv, reference_wrench
 from ruffini.calibrate.log.warmth import CELSIUS
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.run import UNNAMED
+from ruffini.estimators.wrench.run import FeatureRun as FeatureRun
 from ruffini.estimators.wrench.warmth import Degrees
 from ruffini.files import readable
 from ruffini.frames import read_frames
@@ -32,44 +35,12 @@ from ruffini.rig.placed_weight import NAME as PLACED
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
-UNNAMED = "a tip without a name"
 LEAST_REST, ZERO_SIGMAS = 8, 12.0  # frames, and standard errors by which a zero must be off to be one
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 WRENCH_NAMES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")  # of [board] not_measured
 # Sorts that a log has as places in the picture; of any other as FEATURES sends it. Steps: the core's, px Q16, px^2 Q8.
 STEPS = {"targets": (65536.0, 65536.0, 256.0), "markers": (65536.0, 65536.0)}
 COLUMNS = "columns"  # sort of a log without a board
-
-
-@dataclass(frozen=True)
-class FeatureRun:
-    """One recording from rest on.
-
-    features (t, n) raw integers at time_s (t,), is_good (t,) nothing lost; reference (r, 6) N and N m at reference_s
-    (r,); degrees (t,) where the board has a thermometer. `touch` (t,) numbers the touches where the log does;
-    `recording` names the recording of a run that is only one touch of it; `kind` what pressed, where the log says it.
-    """
-
-    name: str
-    time_s: Array
-    features: Array
-    is_good: npt.NDArray[np.bool_]
-    reference_s: Array
-    reference: Array
-    degrees: Degrees | None = None
-    touch: npt.NDArray[np.intp] | None = None
-    recording: str = ""
-    kind: str = ""
-
-    @property
-    def is_row_by_row(self) -> bool:
-        """Whether the reference was read once for each frame, at the frame's own time."""
-        return self.reference_s is self.time_s
-
-    def at(self, lag_s: float) -> Array:
-        """Reference of each frame (t, 6) where it is read `lag_s` after what the camera sees."""
-        when = self.time_s + lag_s
-        return np.stack([np.interp(when, self.reference_s, column) for column in self.reference.T], axis=1)
 
 
 class Features(NamedTuple):
@@ -199,8 +170,6 @@ def _degrees_of_frames(path: Path, board: Board, kept: list[int]) -> Degrees | N
 
 
 def _of_csv(path: Path, board: Board) -> list[FeatureRun]:
-    from ruffini.calibrate.log.columns import read_plain_log  # which has this module's runs
-
     log = read_plain_log(path)
     check_number(path, len(log.names), board)
     return [on_board(run, board) for run in log.runs]
