@@ -60,7 +60,7 @@ TIPS_PRESSED = (("sphere", 2.0), ("sphere", 3.2), ("sphere", 4.5), ("flat", 1.5)
 N_PLACES, N_STEPS, N_FREE, PLACED, DEEPEST_M = 4, 8, 8, 0.45, 0.9e-3
 CELL_N, LEAST_N, UNTOUCHED_S = 5e-3, 0.02, 5.0  # noise of the load cell; smallest force that is judged
 PAUSE_S = 1.0  # between rows that the core is given
-N_GROUPS, WEIGHTS = 5, (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
+WEIGHTS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 Array = npt.NDArray[np.float64]
 SIZES = (5, 10)  # presses
 # The code that the figures depend on: commits of anything else change none.
@@ -113,12 +113,8 @@ class Tips(NamedTuple):
         return f"| {' | '.join(cells)} |"
 
 
-def of_tips(name: str) -> Tips:
-    """Press every tip on the twin, and judge each by a fit to the others; the core computes features, force and sigma.
-
-    Tables are those of a log in CSV, as of a bench of someone else's.
-    """
-    board = find_board(name)
+def of_tips(board: Board) -> tuple[list[FeatureRun], Array]:
+    """Touches of every tip on the twin, a recording for each tip, and untouched features after them."""
     unit, rng = TwinUnit.build(board), np.random.default_rng(17)
     renderer, rows = unit.renderer(), list[FeatureRun]()
     half = 0.5e-6 * np.array([board.pad.size_x_um, board.pad.size_y_um])
@@ -150,32 +146,38 @@ def of_tips(name: str) -> Tips:
                 wrench[:, 2] = np.array(force) + rng.normal(0, CELL_N, len(seen))
                 rows.append(FeatureRun(f"{shape} {radius_mm}/{place}", when, np.array(seen, float),
                                        np.ones(len(seen), bool), when, wrench, touch=np.full(len(seen), len(rows)),
-                                       recording=f"tip {k}/{place}", kind=f"{shape} {radius_mm}"))  # fmt: skip
+                                       recording=f"tip {k}", kind=f"{shape} {radius_mm}"))  # fmt: skip
         still = np.array([frame(unit.at_rest()) for _ in range(round(UNTOUCHED_S / unit.frame_s))])
+    return rows, still
+
+
+def judged(board: Board, rows: list[FeatureRun], still: Array) -> Tips:
+    """Each tip by a fit to the others; the core computes force and uncertainty."""
     features, errors = features_of(board), list[Array]()
     peers, untouched, largest = ([], []), 0.0, max(float(np.abs(run.reference[:, 2]).max()) for run in rows)
     for tip in dict.fromkeys(run.kind for run in rows):
         inside, outside = ([run for run in rows if (run.kind == tip) == is_left] for is_left in (False, True))
-        fit = fit_wrench_map(inside, holdout="touch", nonlinear=True, grid=features.grid, is_of_gel=True)
+        fit = fit_wrench_map(inside, holdout="recording", nonlinear=True, grid=features.grid, is_of_gel=True)
         tensors, metadata = tables(fit, features)
         x, y = (np.concatenate([run.features for run in outside]), np.concatenate([r.reference[:, 2] for r in outside]))
         given = container.pack(tensors, {**container.base_metadata(board), **metadata})
         said = wrench_on_board(given.data, features.sort, x, np.arange(len(x)) * PAUSE_S)
         errors.append(np.stack([said.wrench[:, NORMAL] - y, said.sigma[:, NORMAL]], axis=1)[np.abs(y) > LEAST_N])
-        at_rest = wrench_on_board(given.data, features.sort, still, np.arange(len(still)) * unit.frame_s)
+        at_rest = wrench_on_board(given.data, features.sort, still, np.arange(len(still)) * PAUSE_S)
         untouched = max(untouched, float(np.abs(at_rest.wrench[:, NORMAL]).max()))
         a, b = np.concatenate([r.features for r in inside]), np.concatenate([r.reference[:, 2] for r in inside])
-        groups = np.concatenate([np.full(len(r.time_s), i) for i, r in enumerate(inside)]) % N_GROUPS
+        kinds = list(dict.fromkeys(r.kind for r in inside))
+        groups = np.concatenate([np.full(len(r.time_s), kinds.index(r.kind)) for r in inside])
         for found, peer in zip(peers, (ridge_peer, kernel_peer), strict=True):
             found.append((peer(a, b, groups, x) - y)[np.abs(y) > LEAST_N])
     off = np.concatenate(errors)
     within = tuple(float(np.mean(np.abs(off[:, 0]) <= n * off[:, 1])) for n in (1, 2))
     mae = [float(np.abs(np.concatenate(found)).mean()) for found in peers]
-    return Tips(name, largest, float(np.abs(off[:, 0]).mean()), *mae, (within[0], within[1]), untouched)
+    return Tips(board.name, largest, float(np.abs(off[:, 0]).mean()), *mae, (within[0], within[1]), untouched)
 
 
 def ridge_peer(a: Array, b: Array, groups: Array, x: Array) -> Array:
-    """Ridge regression without a constant, its penalty by groups of touches left out."""
+    """Ridge regression without a constant, its penalty by groups (tips) left out."""
     scale = a.std()
 
     def solved(a: Array, b: Array, weight: float) -> Array:
@@ -183,12 +185,12 @@ def ridge_peer(a: Array, b: Array, groups: Array, x: Array) -> Array:
 
     best = min(WEIGHTS, key=lambda w: sum(
         float(np.square(a[groups == g] @ solved(a[groups != g], b[groups != g], w) - b[groups == g]).sum())
-        for g in range(N_GROUPS)))  # fmt: skip
+        for g in np.unique(groups)))  # fmt: skip
     return np.asarray(x @ solved(a, b, best))
 
 
 def kernel_peer(a: Array, b: Array, groups: Array, x: Array) -> Array:
-    """Kernel ridge regression with a Gaussian kernel, penalty and length by groups of touches left out."""
+    """Kernel ridge regression with a Gaussian kernel, penalty and length by groups (tips) left out."""
     spread = float(np.sqrt(a.var(axis=0).sum()))
 
     def kernel(p: Array, q: Array, length: float) -> Array:
@@ -200,7 +202,7 @@ def kernel_peer(a: Array, b: Array, groups: Array, x: Array) -> Array:
 
     best = min(((w, length) for w in WEIGHTS for length in (1.0, 3.0, 10.0)), key=lambda way: sum(
         float(np.square(predicted(a[groups != g], b[groups != g], a[groups == g], *way) - b[groups == g]).sum())
-        for g in range(N_GROUPS)))  # fmt: skip
+        for g in np.unique(groups)))  # fmt: skip
     return predicted(a, b, x, *best)
 
 
@@ -266,7 +268,8 @@ def main(words: list[str] | None = None) -> int:
     for name in given.board or boards():
         with tempfile.TemporaryDirectory(prefix=f"{name}-") as made:
             at = commit(JUDGED)  # as it was when the run began
-            found = of_tips(name) if given.tips else measured(name, Path(made))
+            board = find_board(name)
+            found = judged(board, *of_tips(board)) if given.tips else measured(name, Path(made))
             row = found.text(at, datetime.date.today().isoformat())
         print(row, flush=True)
         if given.table is not None:

@@ -61,15 +61,14 @@ def write_features(unit: TwinUnit, path: Path) -> None:
 
 
 class Played:
-    """Frames of the live twin: the board's rest, then a touch that is held."""
+    """Frames of the live twin: some states, the last of which is held without end."""
 
-    def __init__(self, before: list[Array], held: Array, n: int) -> None:
-        self._moved = [*before, *[held] * n]
+    def __init__(self, moved: list[Array]) -> None:
+        self._moved = moved
 
-    def states(self, frame: int) -> tuple[Array, Array | None, None] | None:
-        if frame >= len(self._moved):
-            return None
-        return self._moved[frame], self._moved[frame - 1] if frame else None, None
+    def states(self, frame: int) -> tuple[Array, Array | None, None]:
+        last = len(self._moved) - 1
+        return self._moved[min(frame, last)], self._moved[min(frame - 1, last)] if frame else None, None
 
 
 def test_a_log_of_features_alone_calibrates_the_twin(tmp_path: Path) -> None:
@@ -94,7 +93,7 @@ def test_a_log_of_features_alone_calibrates_the_twin(tmp_path: Path) -> None:
     )
     assert code == 0, text
     moved, force = pressed(unit, ("sphere", 2.6), OTHER_MM)  # a tip and a place that are not in the log
-    frames = Played([unit.at_rest()] * 40 + moved, moved[-1], 600)
+    frames = Played([unit.at_rest()] * 40 + moved)
     with (
         TwinServer(unit.renderer(), frames, Scenario(), tmp_path / "twin"),
         running_daemon(tmp_path / "fibre-skin", f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,

@@ -261,9 +261,11 @@ def _runs(source: Source, columns: Columns, values: Array, step: Array) -> list[
                              "column of time? Give each recording a file of its own, or name --recording")  # fmt: skip
         name = path.name if not columns.recording else f"{path.name}/{number:g}"
         when = time_s[rows]
+        # Errors on tips left out are those of another tip.
+        of_recording = name if columns.recording or not kind else f"{name}, {kind}"
         out.append(FeatureRun(
             name, when, np.round(values[rows] * step), np.ones(len(rows), bool), when, wrench[rows],
-            touch=None if touch is None else touch[rows], recording=name, kind=kind or UNNAMED,
+            touch=None if touch is None else touch[rows], recording=of_recording, kind=kind or UNNAMED,
         ))  # fmt: skip
     return out
 
