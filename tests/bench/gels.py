@@ -59,7 +59,7 @@ NORMAL = AXES.index("Fz")
 TIPS_PRESSED = (("sphere", 2.0), ("sphere", 3.2), ("sphere", 4.5), ("flat", 1.5), ("flat", 2.2), ("cone", 2.5))
 N_PLACES, N_STEPS, N_FREE, PLACED, DEEPEST_M = 4, 8, 8, 0.45, 0.9e-3
 CELL_N, LEAST_N, UNTOUCHED_S = 5e-3, 0.02, 5.0  # noise of the load cell; smallest force that is judged
-PAUSE_S = 1.0  # between rows that the core is given
+RATE_HZ = 30.0  # of the untouched rows that the core is given
 WEIGHTS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 Array = npt.NDArray[np.float64]
 SIZES = (5, 10)  # presses
@@ -161,9 +161,11 @@ def judged(board: Board, rows: list[FeatureRun], still: Array) -> Tips:
         tensors, metadata = tables(fit, features)
         x, y = (np.concatenate([run.features for run in outside]), np.concatenate([r.reference[:, 2] for r in outside]))
         given = container.pack(tensors, {**container.base_metadata(board), **metadata})
-        said = wrench_on_board(given.data, features.sort, x, np.arange(len(x)) * PAUSE_S)
-        errors.append(np.stack([said.wrench[:, NORMAL] - y, said.sigma[:, NORMAL]], axis=1)[np.abs(y) > LEAST_N])
-        at_rest = wrench_on_board(given.data, features.sort, still, np.arange(len(still)) * PAUSE_S)
+        said = [wrench_on_board(given.data, features.sort, run.features, run.time_s) for run in outside]
+        force, sigma = (np.concatenate([part[:, NORMAL] for part in parts])
+                        for parts in ([one.wrench for one in said], [one.sigma for one in said]))  # fmt: skip
+        errors.append(np.stack([force - y, sigma], axis=1)[np.abs(y) > LEAST_N])
+        at_rest = wrench_on_board(given.data, features.sort, still, np.arange(len(still)) / RATE_HZ)
         untouched = max(untouched, float(np.abs(at_rest.wrench[:, NORMAL]).max()))
         a, b = np.concatenate([r.features for r in inside]), np.concatenate([r.reference[:, 2] for r in inside])
         kinds = list(dict.fromkeys(r.kind for r in inside))
