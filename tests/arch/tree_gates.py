@@ -6,10 +6,11 @@ import ast
 import functools
 import re
 import subprocess
-import tomllib
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+
+import tomllib
 
 # What each room of the firmware may include, besides itself. Order of the pipeline, one direction.
 FIRMWARE_MAY_INCLUDE: dict[str, set[str]] = {

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import fnmatch
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -30,6 +29,7 @@ import numpy.typing as npt
 from ruffini.errors import InputError
 from ruffini.estimators.wrench.run import UNNAMED, FeatureRun
 from ruffini.files import dataset_values, readable
+from ruffini.older_python import tomllib
 from ruffini.rig.csv_log import read_rows
 from ruffini.rig.units import force_factor, torque_factor
 
