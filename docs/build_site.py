@@ -37,6 +37,7 @@ def main() -> None:
     for name, text in reference.pages().items():
         write(out / "pages" / "docs" / "reference" / name, text)
     config = (ROOT / "docs" / "mkdocs.yml").read_text().replace("SOURCES", str(ROOT / "host"))
+    config = config.replace("BOARDS\n", boards(texts()))
     write(out / "mkdocs.yml", config)
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--config-file", str(out / "mkdocs.yml")]
     done = subprocess.run(command, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, check=False)
@@ -76,6 +77,14 @@ def texts() -> list[str]:
         for p in tracked()
         if p.endswith(".md") and ("/" not in p or p.startswith(TEXT_ROOTS)) and (ROOT / p).is_file()
     ]
+
+
+def boards(paths: list[str]) -> str:
+    """Entries of nav for the texts of each board, its README first."""
+    pages = sorted((p for p in paths if p.startswith("boards/") and p.count("/") == 2),
+                   key=lambda p: (Path(p).parent, Path(p).name != "README.md", p))  # fmt: skip
+    titles = [Path(p).parent.name + ("" if p.endswith("/README.md") else f", {Path(p).stem.lower()}") for p in pages]
+    return "".join(f"      - {title}: {path}\n" for title, path in zip(titles, pages, strict=True))
 
 
 def page(path: str, pages: Path) -> str:

@@ -245,7 +245,7 @@ int ruffini_slot_describe(const ruffini_pipeline* pipeline, int32_t index, ruffi
   const ruffini::ArrayShape shape = view.shape(*pipeline->path);
   *out = {.name = view.name,
           .type = view.type,
-          .unit = view.unit,
+          .unit = view.unit_of != nullptr ? view.unit_of(*pipeline->path) : view.unit,
           .columns = view.columns,
           .n_axes = shape.n_axes,
           .shape = {static_cast<int32_t>(shape.size[0]), static_cast<int32_t>(shape.size[1]),
@@ -274,6 +274,16 @@ int ruffini_get_slot(ruffini_pipeline* pipeline, const char* name, void* out, si
                 "; see which tables the calibration has, and whether depth is measured");
   }
   *n_rows = static_cast<int32_t>(view.copy(*pipeline->path, out));
+  return 0;
+}
+
+int ruffini_features(const ruffini_pipeline* pipeline, ruffini_features_t* out) {
+  const auto& features = pipeline->path->state().features;
+  *out = {.sort = features.sort.name.empty() ? "" : features.sort.name.data(),
+          .n = static_cast<int32_t>(features.value.size()),
+          .n_planes = features.n_planes,
+          .n_y = features.cells.n_y,
+          .n_x = features.cells.n_x};
   return 0;
 }
 

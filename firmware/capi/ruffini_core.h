@@ -100,6 +100,16 @@ RUFFINI_API int ruffini_slot_describe(const ruffini_pipeline* pipeline, int32_t 
 RUFFINI_API int ruffini_get_slot(ruffini_pipeline* pipeline, const char* name, void* out, size_t out_bytes,
                                  int32_t* n_rows);
 
+/* The features that the board's wrench is made of, whether or not this calibration lets a stage compute them. */
+typedef struct {
+  const char* sort; /* of the calibration's `wrench.features`; empty: no stage of the board writes any */
+  int32_t n;
+  int32_t n_planes; /* of values over a grid, plane by plane; 0: others */
+  int32_t n_y;
+  int32_t n_x;
+} ruffini_features_t;
+RUFFINI_API int ruffini_features(const ruffini_pipeline* pipeline, ruffini_features_t* out);
+
 /* The stages that a board may list, in their order; NULL beyond. Nanoseconds of each in the last frame, 0: not run. */
 RUFFINI_API int32_t ruffini_stage_count(void);
 RUFFINI_API const char* ruffini_stage_name(int32_t index);

@@ -114,13 +114,13 @@ constexpr SlotView kViews[] = {
        }
        return path.targets().size();
      }},
-    {"features", Slot::kFeatures, "i4",
-     "markers, targets: 1/65536 px, areas 1/256 px^2; picture: 1/65536 of rest; depth: 2^-14 um, area 2^-24", "",
+    {"features", Slot::kFeatures, "i4", "", "",
      [](const FramePath& path) { return shape_of(path.state().features.value.size()); },
      [](FramePath& path, void* to) {
        Out<int32_t>(to).put_all(path.state().features.value);
        return path.state().features.value.size();
-     }},
+     },
+     [](FramePath&) { return ""; }, [](const FramePath& path) { return path.state().features.sort.unit; }},
     {"slope", Slot::kSlope, "i2", "1/4096", "dz_dx dz_dy",
      [](const FramePath& path) { return grid(path.state().depth.grid, 2); },
      [](FramePath& path, void* to) {

@@ -29,6 +29,8 @@ struct SlotView {
   size_t (*copy)(FramePath& path, void* out);
   // Reason why the last frame has no value for it, or empty.
   const char* (*absence)(FramePath& path) = [](FramePath&) { return ""; };
+  // Of arrays whose unit depends on the stage that writes them: in place of `unit`
+  const char* (*unit_of)(const FramePath& path) = nullptr;
 
   [[nodiscard]] size_t value_bytes() const { return static_cast<size_t>(type[1] - '0'); }
 };

@@ -27,8 +27,10 @@ Pipeline::Pipeline(const BoardSettings& board, Rest& rest, FrameState& state, Cl
     if (std::find(board.stages.begin(), board.stages.end(), listed) == board.stages.end()) continue;
     stages_.push_back({.declared = &stage, .timed_as = stage_row(listed)});
     written = written | stage.writes;
+    if (!stage.features.name.empty()) state.features.sort = stage.features;
   }
-  for (Entry& entry : stages_) entry.stage = entry.declared->make({board, slots, written, rest});
+  const bool has_lamp_features = state.features.sort.varies_by_lamp;
+  for (Entry& entry : stages_) entry.stage = entry.declared->make({board, slots, written, has_lamp_features, rest});
 }
 
 Status Pipeline::load(const Calibration* calibration, SlotSet written) {

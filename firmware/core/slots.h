@@ -65,6 +65,13 @@ inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kF
 // Capacity for the rows of the table (core/stages.cpp), which checks it.
 inline constexpr size_t kMaxStages = 24;
 
+// What a stage's features are, inputs of a wrench; stated once, in the stage's row (core/stages.cpp).
+struct FeatureSort {
+  std::string_view name;        // of the calibration's `wrench.features`; empty: the stage writes none
+  const char* unit = "";        // of one step
+  bool varies_by_lamp = false;  // with the light: the light stage follows the lamps on boards with such features
+};
+
 struct FrameState {
   uint32_t flags = 0;
   SaturationCounter saturations;                // since configure()
@@ -104,9 +111,11 @@ struct FrameState {
   } targets;
   // Inputs of a wrench, as changes relative to rest.
   struct {
-    std::string_view sort;  // markers: dx, dy of each, px Q16; targets: dx, dy, px Q16, and change of area, px^2 Q8;
-                            // picture: relative change of B, G and R over a grid, Q16; depth: depth_moments.h
+    FeatureSort sort;
     std::vector<int32_t> value;
+    // Of values that are planes over a grid on the pad, plane by plane; 0 planes: of others
+    int n_planes = 0;
+    GridSize cells;
   } features;
   struct {
     std::vector<CellSlope> slope;    // depth grid

@@ -63,8 +63,9 @@ class Stage {
 struct StageContext {
   const BoardSettings& board;
   SlotAccess& slots;
-  SlotSet written;  // by any stage of the board that has its tables
-  Rest& rest;       // learned by the frame path before a stage runs; only the light stage sets its gain
+  SlotSet written;         // by any stage of the board that has its tables
+  bool has_lamp_features;  // one of the board's stages writes features that vary by lamp
+  Rest& rest;              // learned by the frame path before a stage runs; only the light stage sets its gain
 };
 
 }  // namespace ruffini

@@ -4,6 +4,32 @@
 #include <array>
 
 namespace ruffini {
+
+// In stages/<name>/.
+StagePointer make_difference(const StageContext& context);
+StagePointer make_light(const StageContext& context);
+StagePointer make_markers(const StageContext& context);
+StagePointer make_targets(const StageContext& context);
+StagePointer make_picture_features(const StageContext& context);
+StagePointer make_spot_intensities(const StageContext& context);
+StagePointer make_photometric(const StageContext& context);
+StagePointer make_poisson(const StageContext& context);
+StagePointer make_depth_moments(const StageContext& context);
+StagePointer make_displacement(const StageContext& context);
+StagePointer make_operator(const StageContext& context);
+StagePointer make_support(const StageContext& context);
+StagePointer make_wrench(const StageContext& context);
+StagePointer make_feature_wrench(const StageContext& context);
+StagePointer make_contacts(const StageContext& context);
+StagePointer make_skin(const StageContext& context);
+StagePointer make_contact_model(const StageContext& context);
+StagePointer make_fingertip(const StageContext& context);
+StagePointer make_helmholtz(const StageContext& context);
+StagePointer make_contact_depth(const StageContext& context);
+StagePointer make_vibration(const StageContext& context);
+StagePointer make_softness(const StageContext& context);
+StagePointer make_uncertainty(const StageContext& context);
+
 namespace {
 
 using enum Slot;
@@ -26,6 +52,7 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .sections = "markers",
      .kind = "camera",
      .part_of = "",
+     .features = {.name = "markers", .unit = "1/65536 px"},
      .make = make_markers},
     {.name = "targets",
      .reads = {kDifference},
@@ -35,6 +62,7 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .sections = "targets",
      .kind = "",
      .part_of = "",
+     .features = {.name = "targets", .unit = "1/65536 px, areas 1/256 px^2"},
      .make = make_targets},
     {.name = "picture_features",
      .reads = {kDifference},
@@ -44,7 +72,18 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .sections = "picture_features",
      .kind = "",
      .part_of = "",
+     .features = {.name = "picture", .unit = "1/65536 of rest", .varies_by_lamp = true},
      .make = make_picture_features},
+    {.name = "spot_intensities",
+     .reads = {kDifference},
+     .reads_if_written = {},
+     .writes = {kFeatures},
+     .amends = {},
+     .sections = "markers",
+     .kind = "",
+     .part_of = "",
+     .features = {.name = "spots", .unit = "1/65536 of rest"},
+     .make = make_spot_intensities},
     {.name = "light",
      .reads = {kDifference},
      .reads_if_written = {kMarkers, kTargets, kSlope, kNodeForces},
@@ -80,6 +119,7 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .sections = "window depth",
      .kind = "camera",
      .part_of = "",
+     .features = {.name = "depth", .unit = "2^-14 um, area 2^-24"},
      .make = make_depth_moments},
     {.name = "displacement",
      .reads = {kMarkers},

@@ -12,6 +12,8 @@
 
 namespace ruffini {
 
+using StagePointer = std::unique_ptr<Stage>;
+
 struct StageEntry {
   std::string_view name;  // in [pipeline] stages of board.toml
   SlotSet reads;          // the stage runs only if earlier stages write all of these
@@ -23,7 +25,8 @@ struct StageEntry {
   std::string_view kind;      // kind of the calibration whose tables it loads (proto/CALIBRATION.md); empty: none
   // Not listed by a board: runs here as part of this stage, and its time counts for that stage
   std::string_view part_of;
-  std::unique_ptr<Stage> (*make)(const StageContext&) = nullptr;
+  FeatureSort features{};  // of the slot kFeatures, if it writes that
+  StagePointer (*make)(const StageContext&) = nullptr;
 };
 
 [[nodiscard]] std::span<const StageEntry> stage_table();
@@ -35,30 +38,5 @@ struct StageEntry {
 [[nodiscard]] bool is_section_read(std::span<const std::string> stages, std::string_view section);
 // Returns why a board may not list these stages, in one sentence; empty if it may.
 [[nodiscard]] std::string refuse_stages(std::span<const std::string> stages);
-
-// Factory functions, each in stages/<name>/.
-using StagePointer = std::unique_ptr<Stage>;
-[[nodiscard]] StagePointer make_difference(const StageContext& context);
-[[nodiscard]] StagePointer make_light(const StageContext& context);
-[[nodiscard]] StagePointer make_markers(const StageContext& context);
-[[nodiscard]] StagePointer make_targets(const StageContext& context);
-[[nodiscard]] StagePointer make_picture_features(const StageContext& context);
-[[nodiscard]] StagePointer make_photometric(const StageContext& context);
-[[nodiscard]] StagePointer make_poisson(const StageContext& context);
-[[nodiscard]] StagePointer make_depth_moments(const StageContext& context);
-[[nodiscard]] StagePointer make_displacement(const StageContext& context);
-[[nodiscard]] StagePointer make_operator(const StageContext& context);
-[[nodiscard]] StagePointer make_support(const StageContext& context);
-[[nodiscard]] StagePointer make_wrench(const StageContext& context);
-[[nodiscard]] StagePointer make_feature_wrench(const StageContext& context);
-[[nodiscard]] StagePointer make_contacts(const StageContext& context);
-[[nodiscard]] StagePointer make_skin(const StageContext& context);
-[[nodiscard]] StagePointer make_contact_model(const StageContext& context);
-[[nodiscard]] StagePointer make_fingertip(const StageContext& context);
-[[nodiscard]] StagePointer make_helmholtz(const StageContext& context);
-[[nodiscard]] StagePointer make_contact_depth(const StageContext& context);
-[[nodiscard]] StagePointer make_vibration(const StageContext& context);
-[[nodiscard]] StagePointer make_softness(const StageContext& context);
-[[nodiscard]] StagePointer make_uncertainty(const StageContext& context);
 
 }  // namespace ruffini

@@ -51,7 +51,7 @@ class LightTracker {
   LightTracker(int width_px, int height_px);
 
   // Sets a new rest image and selects the samples that are used. `has_map`: false if colours are not converted to
-  // depth, as on boards with targets or picture_features alone. Then only the gain is followed: a tray that tilts under
+  // depth, as on boards with targets or features of the picture alone. Then only the gain is followed: a tray that tilts under
   // load would look like uneven light.
   void learn(std::span<const uint16_t> rest, bool has_map);
   // `change`: planes of B, G and R relative to `rest`. Updates the gain of `rest` if it has moved by 1/4096, and its

@@ -346,7 +346,9 @@ def stage_names(root: Path) -> list[str]:
     host = root / "host/ruffini"
     tables = [root / "firmware/core/stages.cpp", host / "calibrate/container.py", host / "rig/program.py"]
     text = "".join(_text(path) for path in [*tables, *host.glob("estimators/*/command.py")] if path.is_file())
-    names = re.findall(r'\.name = "(\w+)"|^    "(\w+)": Kind\(|\b(?:Program|Command)\(\s*"(\w+)"', text, re.M)
+    names = re.findall(
+        r'(?<!features = {)\.name = "(\w+)"|^    "(\w+)": Kind\(|\b(?:Program|Command)\(\s*"(\w+)"', text, re.M
+    )
     known = {name for row in names for name in row if name} - {"log"}  # a log of touches, more often than the program
     programs = {REST, *re.findall(r'\bProgram\(\s*"(\w+)"', text)}
     trees = {
@@ -477,7 +479,7 @@ def stage_drawing(root: Path) -> list[str]:
         return []
     drawn = readme.read_text().splitlines()
     rows = list(STAGE_ROW.finditer(_text(table)))
-    n_rows = _text(table).count(".name = ")
+    n_rows = len(re.findall(r"(?<!features = {)\.name = ", _text(table)))
     found = [] if len(rows) == n_rows else [f"{len(rows)} of {n_rows} rows of core/stages.cpp can be read"]
     for row in rows:
         slots = [re.sub(r"\bk(\w+)", r"\1", row[column]) for column in ("reads", "optional", "writes", "amends")]

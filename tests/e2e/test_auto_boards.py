@@ -3,6 +3,7 @@ says what to do instead. What the estimators make of such logs is tested with ea
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from collections import Counter
@@ -10,15 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_bad_input import run_host
 from tiny_sensor import ROOT
 
 from ruffini.boards import Board, find_board
+from ruffini.calibrate import container
 from ruffini.calibrate.auto.fingertip import eyes_apart_mm
 from ruffini.calibrate.gates import MIN_PRESSES
 from ruffini.cli.auto import simulated_site
 from ruffini.estimators.table import task_of
 from ruffini.estimators.task import Turned
-from ruffini.estimators.wrench.log import read_feature_runs
+from ruffini.estimators.wrench.log import features_of, read_feature_runs
 from ruffini.rig.collect import collect, rehearse
 from ruffini.rig.log_file import LogWriter, read_log
 from ruffini.rig.program import PROGRAMS
@@ -67,10 +70,31 @@ def test_what_a_boards_estimator_presses_is_collected_or_refused_in_one_sentence
     assert truth is not None
     true = truth.of(touch)
     assert np.nanmax(np.linalg.norm(true[:, :3], axis=1)) > LEAST_N
-    if board.picture_features is not None:
+    if board.writes("features") and features_of(board).grid is not None:
         (run,) = read_feature_runs([tmp_path / "log.h5"], board)
         size, force = np.linalg.norm(run.features, axis=1), -run.at(0.0)[:, 2]
         assert np.corrcoef(size, force)[0, 1] > 0.95
     word = task.word(board, read_log(tmp_path / "log.h5"), touch, true)
     assert np.isfinite(word.true).all()
     assert task.figures([word])["largest_force_n"] > LEAST_N
+
+
+@pytest.mark.long
+def test_a_board_with_moments_of_depth_is_calibrated_from_its_colours_on(tmp_path: Path) -> None:
+    """Its features need the unit's colours, which the same run fits first."""
+    folder = tmp_path / "digit-tactile"
+    text = coarse("digit-tactile", tmp_path).text
+    head = text[: text.index("stages = ")]
+    grid = head[head.index("[picture_features]") : head.index("[depth]")]
+    stages = '["difference", "photometric", "poisson", "depth_moments", "feature_wrench"]'
+    (folder / "board.toml").write_text(f"{head.replace(grid, '')}stages = {stages}\n")
+    out = tmp_path / "out"
+    code, said, text = run_host(
+        "cal", "auto", "--board", str(folder), "--rig", "sim", "--quick", "--json", "--out", str(out)
+    )
+    assert code == 0, text
+    file = container.read(out / "calibration.safetensors")
+    assert {"photometric", "wrench"} <= set(file.kinds)
+    assert file.metadata["wrench.features"] == "depth"
+    after = json.loads(said)["after"]
+    assert after["axes_rmse_n_nm"][2] < 0.1 * after["largest_force_n"]

@@ -52,6 +52,13 @@ def test_the_tests_word_of_a_block_is_not_the_sites(
     )
 
 
+def test_each_text_of_a_board_is_listed_its_readme_first(builder: Any) -> None:
+    paths = ["boards/README.md", "boards/b/DESIGN.md", "boards/b/README.md", "boards/a/README.md", "docs/x/y.md"]
+    assert builder.boards(paths) == (
+        "      - a: boards/a/README.md\n      - b: boards/b/README.md\n      - b, design: boards/b/DESIGN.md\n"
+    )
+
+
 def test_pages_take_their_script_from_the_site(builder: Any, tmp_path: Path) -> None:
     (tmp_path / "assets" / "javascripts").mkdir(parents=True)
     (tmp_path / "a").mkdir()

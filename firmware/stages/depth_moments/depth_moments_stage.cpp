@@ -14,7 +14,6 @@ class DepthMomentsStage final : public Stage {
         moments_(c.board),
         depth_(c.slots.read<Slot::kDepth>()),
         features_(c.slots.write<Slot::kFeatures>()) {
-    features_.sort = "depth";
     features_.value.resize(DepthMoments::kCount);
   }
 

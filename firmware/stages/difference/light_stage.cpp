@@ -1,7 +1,7 @@
 // Drift of lamps and exposure (image/light.h). This stage corrects the rest image for the next frame: the stage
 // difference has compared the current one already. It runs if the calibration has kind `photometric` (colours become
-// depth), on boards with targets, the edges of which depend on the light, and on boards with picture_features, whose
-// force follows from the change of the picture.
+// depth), on boards with targets, the edges of which depend on the light, and on boards whose features vary by lamp
+// (core/stages.cpp).
 #include <algorithm>
 #include <cstdlib>
 
@@ -21,7 +21,7 @@ class LightStage final : public Stage {
  public:
   explicit LightStage(const StageContext& c)
       : makes_slopes_(c.written.has(Slot::kSlope)),
-        has_features_(c.board.picture_features.cells.count() > 0 && c.written.has(Slot::kFeatures)),
+        has_features_(c.has_lamp_features),
         tracker_(c.board.camera.width_px, c.board.camera.height_px),
         rest_(c.rest),
         difference_(c.slots.read<Slot::kDifference>()),

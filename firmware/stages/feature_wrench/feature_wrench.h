@@ -11,9 +11,8 @@
 //   covariance   sum v v^T of 6 constant vectors, and of 6 vectors that grow with |s| and with the distance from the
 //                fitted features: positive semi-definite in integers
 //
-// y and e in 1/16 uN and uN mm. Any features: targets (image/targets.h), markers, changes of the picture
-// (stages/picture_features) or moments of depth (stages/depth_moments); the table states their number and the axes that
-// it was fitted on. Only K is from the paper. Frame thread; no allocation after load.
+// y and e in 1/16 uN and uN mm. Any features: the table states their sort (core/stages.cpp), their number and
+// the axes that it was fitted on. Only K is from the paper. Frame thread; no allocation after load.
 #pragma once
 
 #include <array>

@@ -31,7 +31,7 @@ class FeatureWrenchStage final : public Stage {
     const bool is_lattice = !markers_.marker.empty() && !layout_.has_views && !layout_.is_scattered;
     if (is_lattice) corner_motion_.emplace(layout_.lattice);
     const auto n = static_cast<int>(features_.value.size());
-    return keep(FeatureWrench::load(calibration, features_.sort, n), map_);
+    return keep(FeatureWrench::load(calibration, features_.sort.name, n), map_);
   }
 
   [[nodiscard]] bool writes(Slot /*slot*/) const override { return map_.has_value(); }

@@ -23,7 +23,6 @@ class MarkersStage final : public Stage {
         difference_(c.slots.read<Slot::kDifference>()),
         markers_(c.slots.write<Slot::kMarkers>()),
         features_(c.slots.write<Slot::kFeatures>()) {
-    features_.sort = "markers";
     if (board_.markers.polarity == Polarity::kTexture) {
       flow_.emplace(board_);
     } else {

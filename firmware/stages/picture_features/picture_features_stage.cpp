@@ -11,8 +11,9 @@ class PictureFeaturesStage final : public Stage {
       : grid_(c.board.picture_features, c.board.camera.width_px, c.board.camera.height_px),
         difference_(c.slots.read<Slot::kDifference>()),
         features_(c.slots.write<Slot::kFeatures>()) {
-    features_.sort = "picture";
     features_.value.resize(grid_.count());
+    features_.n_planes = PictureFeatures::kChannels;
+    features_.cells = c.board.picture_features.cells;
   }
 
   void run(Frame& /*frame*/) override { grid_.run(difference_.change, features_.value); }

@@ -16,7 +16,6 @@ class TargetsStage final : public Stage {
         difference_(c.slots.read<Slot::kDifference>()),
         targets_(c.slots.write<Slot::kTargets>()),
         features_(c.slots.write<Slot::kFeatures>()) {
-    features_.sort = "targets";
     features_.value.resize(3 * mark_.size());
     targets_.target = tracker_.targets();
     targets_.mark = mark_;

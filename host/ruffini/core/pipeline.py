@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -78,6 +78,13 @@ class _Result(ctypes.Structure):
     ]
 
 
+class _Features(ctypes.Structure):
+    _fields_ = [
+        ("sort", ctypes.c_char_p),
+        *((name, ctypes.c_int32) for name in ("n", "n_planes", "n_y", "n_x")),
+    ]
+
+
 class _Slot(ctypes.Structure):
     _fields_ = [
         ("name", ctypes.c_char_p),
@@ -97,6 +104,14 @@ class Slot:
     shape: tuple[int, ...]
     unit: str
     columns: tuple[str, ...]
+
+
+class Features(NamedTuple):
+    """What the wrench of a board is made of: the sort that a stage writes, and how many numbers a frame has."""
+
+    sort: str
+    n: int
+    grid: tuple[int, int, int] | None = None  # of values over a grid: planes, rows, columns
 
 
 @dataclass(frozen=True)
@@ -325,11 +340,17 @@ class Pipeline:
     def features(self) -> npt.NDArray[np.int64]:
         """Features of the last frame, (n,), of which the stage feature_wrench makes the wrench.
 
-        dx, dy (px Q16) and change of area (px^2 Q8) of each target; dx and dy of each marker; the relative change
-        (Q16) of blue, green and red over the grid of [picture_features]; or the moments of depth
-        (firmware/stages/depth_moments/depth_moments.h).
+        Targets: dx, dy and change of area of each; markers: dx, dy of each; others: the header of the stage that writes
+        them. Unit: `slots["features"].unit`.
         """
         return self.raw("features").astype(np.int64)
+
+    def feature_sort(self) -> Features | None:
+        """The features of the board, whether or not its calibration lets a stage compute them; None: it has none."""
+        out = _Features()
+        self._check(self._lib.ruffini_features(self._pointer, ctypes.byref(out)))
+        grid = (out.n_planes, out.n_y, out.n_x) if out.n_planes else None
+        return Features(out.sort.decode(), out.n, grid) if out.sort else None
 
     def contacts(self) -> list[ContactRow]:
         """The listed contacts of the last frame, largest first."""

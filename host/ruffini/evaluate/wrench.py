@@ -13,7 +13,7 @@ from ruffini.calibrate import container
 from ruffini.calibrate.log.columns import ColumnLogs
 from ruffini.core.feature_wrench import Stated, wrench_on_board
 from ruffini.estimators.wrench.fit import N_FOLDS, Fit, fit_wrench_map, folds_of
-from ruffini.estimators.wrench.log import FeatureRun, Features
+from ruffini.estimators.wrench.log import COLUMNS, FeatureRun, Features
 from ruffini.estimators.wrench.model import AXES, Frames, frames_of
 from ruffini.estimators.wrench.tables import tables
 from ruffini.tables import aligned
@@ -105,7 +105,7 @@ def beyond(logs: ColumnLogs) -> float:
 def on_board(fit: Fit, frames: Frames) -> Stated:
     """A fit's tables on frames, in the firmware's integers."""
     n = frames.features.shape[1]
-    tensors, metadata = tables(fit, Features("columns", n))
+    tensors, metadata = tables(fit, Features(COLUMNS, n))
     file = container.pack(tensors, {**container.metadata_without_board(), **metadata})
     return wrench_on_board(file.data, "columns", frames.features, frames.time_s)
 

@@ -46,7 +46,7 @@ class PipelineTest : public testing::Test {
 
   PipelineTest() {
     state_.markers.marker = markers_;
-    state_.features.sort = "markers";
+    state_.features.sort.name = "markers";
     state_.features.value.resize(2 * markers_.size());
   }
 };

@@ -126,7 +126,7 @@ def moments_board() -> Board:
 def test_moments_of_depth_of_a_log(tmp_path: Path) -> None:
     """The board's integers as FEATURES sends them, and the straight presses of a gel without markers."""
     board, path = moments_board(), tmp_path / "log.h5"
-    assert features_of(board) == ("depth", 8, None)
+    assert features_of(board) == ("depth", 8, None, True)
     assert WRENCH.task_of(board) is PRESSES
     moments = 1000 * np.arange(N * 8, dtype=np.int32).reshape(N, 8)
     record = touch(feature=moments, feature_s=np.arange(N) * 0.1)
@@ -134,7 +134,7 @@ def test_moments_of_depth_of_a_log(tmp_path: Path) -> None:
     (run,) = read_feature_runs([path], board)
     assert run.features.tolist() == moments.tolist()
     write_log(path, Log({"board": "digit-tactile"}, [touch()], {}))
-    with pytest.raises(InputError, match="once its colours are calibrated: collect it again"):
+    with pytest.raises(InputError, match="once it is calibrated: collect it again"):
         read_feature_runs([path], board)
 
 
@@ -170,9 +170,11 @@ def test_frames_tell_no_moments_of_depth_without_the_units_colours(tmp_path: Pat
     for i in range(n):
         cv2.imwrite(str(tmp_path / "frames" / f"{i:04d}.png"), grey)
     (tmp_path / "wrench.csv").write_text("fx,fy,fz,tx,ty,tz\n" + n * "0,0,-1,0,0,0\n")
-    with pytest.raises(InputError, match="which pictures without their unit's colours do not tell"):
+    with pytest.raises(InputError, match="which pictures without a calibration of their unit do not tell"):
         read_feature_runs([tmp_path], board)
-    with pytest.raises(InputError, match=r"videos.toml: .* which pictures without their unit's colours do not tell"):
+    with pytest.raises(
+        InputError, match=r"videos.toml: .* which pictures without a calibration of their unit do not tell"
+    ):
         WRENCH.fit_alone(Job(board, [tmp_path]), WrenchOptions(videos=tmp_path / "videos.toml"), lambda _: None)
 
 

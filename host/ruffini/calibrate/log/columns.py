@@ -9,6 +9,9 @@ A small TOML file or the command line names the columns:
     wrench_unit = ["N", "N m"]
     touch = "force/segment_id"           # optional: one number a touch, 0 untouched
     recording = "session"                # optional: else each file is a recording
+    tip = "object"                       # optional: what pressed, by any name
+
+PLAIN names them for a CSV of a board's own features.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from __future__ import annotations
 import fnmatch
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
-from ruffini.estimators.wrench.log import FeatureRun
+from ruffini.estimators.wrench.run import UNNAMED, FeatureRun
 from ruffini.files import dataset_values, readable
 from ruffini.older_python import tomllib
 from ruffini.rig.csv_log import read_rows
@@ -59,6 +62,7 @@ class Columns:
     wrench_unit: tuple[str, ...] = ("N", "N m")
     touch: str = ""
     recording: str = ""
+    tip: str = ""
 
     @classmethod
     def read(cls, path: Path) -> Columns:
@@ -89,6 +93,9 @@ class Columns:
         if made.unit not in ("", "px", *LENGTHS_MM):
             raise InputError(f"{where}: unit {made.unit!r}: px, mm, um, m, or none for features of another kind")
         return made
+
+
+PLAIN = Columns("time", ("feature_*",), wrench=WRENCH, touch="touch", recording="recording", tip="tip")
 
 
 @dataclass
@@ -137,8 +144,22 @@ class ColumnLogs(NamedTuple):
     remarks: list[str]
 
 
-def read_column_logs(paths: Sequence[Path], columns: Columns) -> ColumnLogs:
-    """Every recording of the files.
+def read_plain_log(path: Path) -> ColumnLogs:
+    """A CSV with columns named as in PLAIN: a board's features in its own integers, as FEATURES sends them.
+
+    Columns touch, recording and tip may be absent; of the wrench, those of axes that nothing measured.
+    """
+    source = _opened(path)
+    wrench = tuple(name if name in source.columns else "" for name in WRENCH)
+    if not any(wrench):
+        raise InputError(f"{path}: has no column of {', '.join(WRENCH)}: add the reference, N and N m")
+    touch, recording, tip = (name if name in source.columns else "" for name in ("touch", "recording", "tip"))
+    columns = replace(PLAIN, wrench=wrench, touch=touch, recording=recording, tip=tip)
+    return read_column_logs([path], columns, is_raw=True)
+
+
+def read_column_logs(paths: Sequence[Path], columns: Columns, *, is_raw: bool = False) -> ColumnLogs:
+    """Every recording of the files. is_raw : features are a board's own integers already.
 
     Raises
     ------
@@ -156,9 +177,11 @@ def read_column_logs(paths: Sequence[Path], columns: Columns) -> ColumnLogs:
                 f"{source.path}: column {first}: {len(others)} features, {sources[0].path.name} has {len(names)}: "
                 "a recording of another sensor; fit each sensor separately"
             )
-    for source, (_, values) in zip(sources, tables, strict=True):
-        _check_size(source.path, names, values, columns.unit)
-    step = _steps(np.concatenate([values for _, values in tables]), columns.unit)
+    step = np.ones(len(names))
+    if not is_raw:
+        for source, (_, values) in zip(sources, tables, strict=True):
+            _check_size(source.path, names, values, columns.unit)
+        step = _steps(np.concatenate([values for _, values in tables]), columns.unit)
     by_file = [_runs(source, columns, values, step) for source, (_, values) in zip(sources, tables, strict=True)]
     _check_alike(sources, columns, by_file)
     runs, remarks = [run for each in by_file for run in each], list[str]()
@@ -228,18 +251,21 @@ def _runs(source: Source, columns: Columns, values: Array, step: Array) -> list[
     if len({len(time_s), len(time_s if touch is None else touch), len(session)}) > 1:
         raise InputError(f"{path}: {columns.touch or columns.recording} has other rows than {columns.time}: one row a "
                          "frame in each")  # fmt: skip
+    tip = np.array(source.columns[columns.tip] if columns.tip else [""] * len(time_s), dtype=str)
     out = []
-    for number in np.unique(session):
-        rows = np.flatnonzero(session == number)
+    for number, kind in sorted(set(zip(session.tolist(), tip.tolist(), strict=True))):
+        rows = np.flatnonzero((session == number) & (tip == kind))
         back = np.flatnonzero(np.diff(time_s[rows]) < 0)
         if len(back):
             raise InputError(f"{path}: {columns.time}, row {rows[back[0] + 1] + 1}: time runs backwards: is this the "
                              "column of time? Give each recording a file of its own, or name --recording")  # fmt: skip
         name = path.name if not columns.recording else f"{path.name}/{number:g}"
         when = time_s[rows]
+        # Errors on tips left out are those of another tip.
+        of_recording = name if columns.recording or not kind else f"{name}, {kind}"
         out.append(FeatureRun(
             name, when, np.round(values[rows] * step), np.ones(len(rows), bool), when, wrench[rows],
-            touch=None if touch is None else touch[rows],
+            touch=None if touch is None else touch[rows], recording=of_recording, kind=kind or UNNAMED,
         ))  # fmt: skip
     return out
 

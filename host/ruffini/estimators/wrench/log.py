@@ -1,89 +1,60 @@
 """Image features with a reference wrench beside them: what `ruffini cal fit --only wrench` fits and judges on.
 
-The features are the core's own integers (`Pipeline.features`), whatever the file: a folder of frames with
-`wrench.csv`, a run of `ruffini reproduce --only recordings` with what its bench read, a folder of such runs, or the
-targets or markers of a `cal collect` log.
+The features are the core's own integers (`Pipeline.features`), whatever their sort and the file: a folder of frames
+with `wrench.csv`, a run of `ruffini reproduce --only recordings` with what its bench read, a folder of such runs, a
+`cal collect` log, or a CSV of features and reference (`calibrate.log.columns.PLAIN`).
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.boards import Board
+from ruffini.boards import Board, parse_board
+from ruffini.calibrate.log.columns import read_plain_log
 from ruffini.calibrate.log.reference import celsius_of_csv, reference_wrench
 from ruffini.calibrate.log.warmth import CELSIUS
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.run import UNNAMED
+from ruffini.estimators.wrench.run import FeatureRun as FeatureRun
 from ruffini.estimators.wrench.warmth import Degrees
 from ruffini.files import readable
 from ruffini.frames import read_frames
+from ruffini.native import stage_slots
 from ruffini.rig.found import is_held, on_reference_clock, reference_in_pad
 from ruffini.rig.log_file import Log, TouchRecord, read_log
 from ruffini.rig.placed_weight import NAME as PLACED
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
-UNNAMED = "a tip without a name"
 LEAST_REST, ZERO_SIGMAS = 8, 12.0  # frames, and standard errors by which a zero must be off to be one
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 WRENCH_NAMES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")  # of [board] not_measured
-GEL_SORTS = {
-    "picture": "features of its picture",
-    "depth": "moments of its depth, which a unit sends once its colours are calibrated",
-}
-N_MOMENTS = 8  # firmware/stages/depth_moments/depth_moments.h
-STEPS = {"targets": (65536.0, 65536.0, 256.0), "markers": (65536.0, 65536.0)}  # the core's: px Q16, px^2 Q8
-
-
-@dataclass(frozen=True)
-class FeatureRun:
-    """One recording from rest on.
-
-    features (t, n) raw integers at time_s (t,), is_good (t,) nothing lost; reference (r, 6) N and N m at reference_s
-    (r,); degrees (t,) where the board has a thermometer. `touch` (t,) numbers the touches where the log does;
-    `recording` names the recording of a run that is only one touch of it; `kind` what pressed, where the log says it.
-    """
-
-    name: str
-    time_s: Array
-    features: Array
-    is_good: npt.NDArray[np.bool_]
-    reference_s: Array
-    reference: Array
-    degrees: Degrees | None = None
-    touch: npt.NDArray[np.intp] | None = None
-    recording: str = ""
-    kind: str = ""
-
-    @property
-    def is_row_by_row(self) -> bool:
-        """Whether the reference was read once for each frame, at the frame's own time."""
-        return self.reference_s is self.time_s
-
-    def at(self, lag_s: float) -> Array:
-        """Reference of each frame (t, 6) where it is read `lag_s` after what the camera sees."""
-        when = self.time_s + lag_s
-        return np.stack([np.interp(when, self.reference_s, column) for column in self.reference.T], axis=1)
+# Sorts that a log has as places in the picture; of any other as FEATURES sends it. Steps: the core's, px Q16, px^2 Q8.
+STEPS = {"targets": (65536.0, 65536.0, 256.0), "markers": (65536.0, 65536.0)}
+COLUMNS = "columns"  # sort of a log without a board
 
 
 class Features(NamedTuple):
-    """What the features of a log are: `targets`, `markers`, `picture` or `depth`, and how many numbers a frame has."""
+    """What the features of a log are, and how many numbers a frame has (`core.pipeline.Features`)."""
 
     sort: str
     n: int
-    grid: tuple[int, int, int] | None = None  # of a picture: planes, rows, columns
+    grid: tuple[int, int, int] | None = None  # planes, rows, columns
+    needs_tables: bool = False  # the board computes them only with a calibration of its unit
 
     @property
     def is_of_gel(self) -> bool:
-        """Whether a gel without markers or targets makes them: logs have them as FEATURES sends them."""
-        return self.sort in GEL_SORTS
+        """Whether they are no places of markers or targets: logs have them as FEATURES sends them."""
+        return self.sort not in (*STEPS, COLUMNS)
 
 
 def features_of(board: Board) -> Features:
@@ -94,19 +65,17 @@ def features_of(board: Board) -> Features:
     InputError
         None of its stages writes features.
     """
-    if board.targets is not None and "targets" in board.pipeline.stages:
-        return Features("targets", 3 * len(board.targets.places_um))
-    if board.markers is not None and "markers" in board.pipeline.stages:
-        return Features("markers", 2 * board.markers.n_x * board.markers.n_y)
-    if board.picture_features is not None and "picture_features" in board.pipeline.stages:
-        grid = (3, board.picture_features.n_y, board.picture_features.n_x)
-        return Features("picture", int(np.prod(grid)), grid)
-    if "depth_moments" in board.pipeline.stages:
-        return Features("depth", N_MOMENTS)
-    raise InputError(
-        f"board {board.name!r} has no stage targets, markers, picture_features or depth_moments: nothing to make a "
-        "wrench of"
-    )
+    return _features_of(board.text, board.name)
+
+
+@lru_cache
+def _features_of(text: str, name: str) -> Features:
+    with Pipeline(parse_board(text.encode(), name)) as pipeline:
+        found, is_computed = pipeline.feature_sort(), "features" in pipeline.slots
+    if found is None:
+        writers = [stage for stage, slots in stage_slots().items() if "features" in slots]
+        raise InputError(f"board {name!r} has no stage {', '.join(writers)}: nothing to make a wrench of")
+    return Features(*found, needs_tables=not is_computed)
 
 
 def measured_axes(board: Board) -> Array:
@@ -126,7 +95,12 @@ def read_feature_runs(paths: list[Path], board: Board, *, progress: Progress = l
     sources = [run for path in paths for run in _runs_below(path)]
     out: list[FeatureRun] = []
     for i, source in enumerate(sources):
-        out += _of_log(source, board) if source.is_file() and source.suffix == ".h5" else [_of_frames(source, board)]
+        if source.is_file() and source.suffix == ".csv":
+            out += _of_csv(source, board)
+        else:
+            out += (
+                _of_log(source, board) if source.is_file() and source.suffix == ".h5" else [_of_frames(source, board)]
+            )
         progress((i + 1) / len(sources))
     return out
 
@@ -145,10 +119,11 @@ def _runs_below(path: Path) -> list[Path]:
 
 def check_tell_features(path: Path, board: Board) -> None:
     """Raises InputError if pictures do not tell the board's features without a calibration of their unit."""
-    if features_of(board).sort == "depth":
+    features = features_of(board)
+    if features.needs_tables:
         raise InputError(
-            f"{path}: board {board.name!r} makes its features of depth, which pictures without their unit's colours do "
-            "not tell: give a log of ruffini cal collect"
+            f"{path}: board {board.name!r} makes its features of {features.sort}, which pictures without a calibration "
+            "of their unit do not tell: give a log of ruffini cal collect"
         )
 
 
@@ -195,6 +170,28 @@ def _degrees_of_frames(path: Path, board: Board, kept: list[int]) -> Degrees | N
     return Degrees(celsius[kept], np.full(len(kept), celsius[max(kept[0] - 1, 0)]))
 
 
+def _of_csv(path: Path, board: Board) -> list[FeatureRun]:
+    log = read_plain_log(path)
+    check_number(path, len(log.names), board)
+    return [on_board(run, board) for run in log.runs]
+
+
+def check_number(path: Path, n: int, board: Board) -> None:
+    """Raises InputError if a log's rows have another number of features than the board's."""
+    features = features_of(board)
+    if features.n != n:
+        raise InputError(
+            f"{path}: has {n} features, board {board.name!r} makes {features.n} of its {features.sort}: another "
+            "sensor, or leave --board out"
+        )
+
+
+def on_board(run: FeatureRun, board: Board) -> FeatureRun:
+    """A run of a log from elsewhere with zero for what the board does not measure."""
+    reference = run.reference * measured_axes(board)
+    return replace(run, reference=reference)
+
+
 def _of_log(path: Path, board: Board) -> list[FeatureRun]:
     log = read_log(path)
     if log.facts.get("board") != board.name:
@@ -223,9 +220,10 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
                               np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}",
                               kind))  # fmt: skip
     if not out:
-        kept = GEL_SORTS.get(wanted.sort, f"{wanted.sort} in pixels")
-        or_frames = "" if wanted.sort == "depth" else "give recordings of frames instead, or "
-        raise InputError(f"{path} holds no {kept}: {or_frames}collect it again")
+        kept = f"features of its {wanted.sort}" if wanted.is_of_gel else f"{wanted.sort} in pixels"
+        if wanted.needs_tables:
+            raise InputError(f"{path} holds no {kept}, which a unit sends once it is calibrated: collect it again")
+        raise InputError(f"{path} holds no {kept}: give recordings of frames instead, or collect it again")
     return out
 
 
@@ -237,7 +235,7 @@ def _kind_of(facts: Mapping[str, Any]) -> str:
 
 def _rows_of(log: Log, touch: TouchRecord, sort: str) -> tuple[Array, Array] | None:
     """The sensor's times (t,) and the features (t, n) in the board's integers; None where a touch has none."""
-    if sort in GEL_SORTS:
+    if sort not in STEPS:
         rows = touch.arrays.get("feature")
         return None if rows is None else (touch.arrays["feature_s"], rows.astype(np.float64))
     moved, columns = touch.arrays.get("marker_displacement"), STEPS[sort]

@@ -28,7 +28,8 @@ REACH_PITCH = 0.6  # of a marker's say, standard deviation
 def marker_prior(board: Board) -> Array | None:
     """K (6, n) of markers' shifts, N and N mm a raw unit; None where the board does not say where they are."""
     markers = board.markers
-    if markers is None or (markers.layout == "scattered" and markers.places_um is None):
+    is_listed = markers is not None and (markers.layout != "scattered" or markers.places_um is not None)
+    if not is_listed or not board.writes("markers"):
         return None
     slab = board_slab(board)
     places = node_places(slab, board.observed)

@@ -25,7 +25,16 @@ from ruffini.estimators.task import Task
 from ruffini.estimators.wrench.adapt import adapt
 from ruffini.estimators.wrench.command import COMMAND, WrenchOptions
 from ruffini.estimators.wrench.fit import FEW, N_FOLDS, Fit, fit_wrench_map
-from ruffini.estimators.wrench.log import FeatureRun, Features, check_tell_features, features_of, read_feature_runs
+from ruffini.estimators.wrench.log import (
+    COLUMNS,
+    FeatureRun,
+    Features,
+    check_number,
+    check_tell_features,
+    features_of,
+    on_board,
+    read_feature_runs,
+)
 from ruffini.estimators.wrench.marker_prior import marker_prior
 from ruffini.estimators.wrench.model import AXES, frames_of, recordings_of
 from ruffini.estimators.wrench.report import wrench_report_of, wrench_table, write_wrench_page
@@ -84,16 +93,13 @@ def _read(job: Job, options: WrenchOptions, progress: Progress) -> _Read:
     if videos is not None and board is None:
         raise InputError("--videos needs --board: the features of a video are those that its board computes")
     if named is not None:
-        of_columns = read_column_logs(job.paths, named)
-        features = Features("columns", len(of_columns.names))
+        of_columns = read_column_logs(job.paths, named, is_raw=board is not None and not named.unit)
+        features, runs = Features(COLUMNS, len(of_columns.names)), of_columns.runs
         if board is not None:
             features = features_of(board)
-            if features.n != len(of_columns.names):
-                raise InputError(
-                    f"{job.paths[0]}: has {len(of_columns.names)} features, board {board.name!r} makes {features.n} of "
-                    f"its {features.sort}: another sensor, or leave --board out"
-                )
-        return _Read(of_columns.runs, features, [*of_columns.remarks])
+            check_number(job.paths[0], len(of_columns.names), board)
+            runs = [on_board(run, board) for run in runs]
+        return _Read(runs, features, [*of_columns.remarks])
     if board is None:
         raise InputError(f"{job.paths[0]}: name its columns (--columns FILE, or --time, --features, --wrench), or "
                          "--board for a recording of one of its sensors")  # fmt: skip
