@@ -267,7 +267,6 @@ def test_a_five_axis_stage_turns_what_is_pressed_or_says_that_it_has_no_such_axi
         with pytest.raises(RefusedError, match="the stop key"):
             stage.turn({"A": 0.0}, stopped)
         if driver is Marlin:  # the guard also watches while the turn is waited for
-
             before = len(machine.received)
 
             def stopped_under_way() -> None:
