@@ -131,11 +131,8 @@ TEST(FramePath, APadWithoutDotsIsNotThisBoard) {
 // A pressed pad whose calibration states its uncertainty; with capture times of 60 Hz.
 struct PressedSensor {
   explicit PressedSensor(bool is_relaxing = false, bool has_rest = true) {
-    board.stages.clear();
-    for (const std::string& stage : stage_names()) {
-      // Contacts of a skin that glows and of a texture are their own.
-      if (stage != "skin" && stage != "contact_model" && stage != "helmholtz") board.stages.push_back(stage);
-    }
+    // Contacts of a skin that glows and of a texture are their own.
+    board.stages = test::stages_but({"skin", "contact_model", "helmholtz"});
     auto file = CalibrationFile::load(test::diagonal_calibration(board, is_relaxing));
     EXPECT_TRUE(file.has_value());
     path = std::move(FramePath::configure(board, file.value(), fake_clock)).value();

@@ -57,12 +57,8 @@ class MessagesTest : public testing::Test {
 
   static BoardSettings all_stages() {
     BoardSettings board = test::round_board();
-    board.stages.clear();
-    for (const std::string& stage : stage_names()) {
-      // Contacts of a skin that glows and of a texture are their own.
-      if (stage != "skin" && stage != "contact_model" && stage != "helmholtz" && stage != "contact_depth")
-        board.stages.push_back(stage);
-    }
+    // Contacts of a skin that glows and of a texture are their own.
+    board.stages = test::stages_but({"skin", "contact_model", "helmholtz", "contact_depth"});
     return board;
   }
   [[nodiscard]] FrameView view(const Bytes& pixels) const {

@@ -23,7 +23,7 @@ struct Scene {
 // Dots at rest, then moved and coloured.
 inline Scene dots() {
   Scene scene{.board = round_board(), .calibration = {}, .rest = {}, .pressed = {}};
-  scene.board.stages = stage_names();
+  scene.board.stages = stages_but({});
   scene.calibration = diagonal_calibration(scene.board);
   auto dots = nominal_dots(scene.board);
   scene.rest = DotPicture{}.bgr(dots, 1);

@@ -1,9 +1,26 @@
 // A small board with round numbers for the kernels' tests: 100 um per pixel, f = 200 px, H = 20 mm.
 #pragma once
 
+#include <algorithm>
+#include <initializer_list>
+#include <string>
+#include <string_view>
+#include <vector>
+
 #include "board/settings.h"
+#include "core/stages.h"
 
 namespace ruffini::test {
+
+// The stages without these, and of those that write features only picture_features: a slot has one writer.
+inline std::vector<std::string> stages_but(std::initializer_list<std::string_view> left_out) {
+  std::vector<std::string> stages;
+  for (const std::string& stage : stage_names()) {
+    const bool is_other = stage == "depth_moments" || stage == "spot_intensities";
+    if (!is_other && std::ranges::find(left_out, stage) == left_out.end()) stages.push_back(stage);
+  }
+  return stages;
+}
 
 inline BoardSettings round_board() {
   BoardSettings board;
