@@ -22,6 +22,9 @@ from tiny_twin import Twin
 
 from ruffini import host_clock
 from ruffini.boards import find_board
+from ruffini.calibrate.auto.fingertip import eyes_apart_mm
+from ruffini.calibrate.container import read
+from ruffini.calibrate.gates import MIN_PRESSES
 from ruffini.cli import main
 from ruffini.daemon import running_daemon
 from ruffini.device import Connection
@@ -39,7 +42,7 @@ from ruffini.rig.found import is_held
 from ruffini.rig.frame_clock import FrameClock
 from ruffini.rig.log_file import Log, read_log
 from ruffini.rig.program import Tool
-from ruffini.rig.twin_bench import ORIGIN, Hanging, Loader, build_twin_bench
+from ruffini.rig.twin_bench import ORIGIN, Hanging, Load, Loader, build_twin_bench
 from ruffini.sim.bodies.dome_unit import DomeUnit
 from ruffini.sim.indenters import Indenter
 from ruffini.sim.pose import Pose
@@ -57,6 +60,7 @@ near_mm = 0.3
 """
 TEXT = '[reference]\nkind = "text"\nport = "{port}"\nunit = "g"\nfull_scale_n = 20.0\nsigma_n = 0.005\nrate_hz = 2.0\n'
 GRAMS_A_NEWTON = 1e3 / 9.80665
+STATED_HZ = 0.1  # of a reference by simulated time: how long its silence is waited for is real time
 
 
 class Desk:
@@ -90,8 +94,12 @@ class Desk:
     def run(self, monkeypatch: pytest.MonkeyPatch, rig: str, verb: str, *words: object) -> tuple[int, str, str]:
         """Run a verb of `cal` as a person would: exit code, what it printed, what it said."""
         (self.folder / "rig.toml").write_text("schema = 1\n" + rig)
-        argv = ["ruffini", "--port", self.port, "cal", verb, "--board", self.twin.board.folder, "--json",
-                "--rig", self.folder / "rig.toml", *words]  # fmt: skip
+        bench = ("--board", self.twin.board.folder, "--rig", self.folder / "rig.toml")
+        return self.cal(monkeypatch, verb, *bench, *words)
+
+    def cal(self, monkeypatch: pytest.MonkeyPatch, verb: str, *words: object) -> tuple[int, str, str]:
+        """The same without a bench."""
+        argv = ["ruffini", "--port", self.port, "cal", verb, "--json", *words]
         monkeypatch.setattr(sys, "argv", [str(word) for word in argv])
         self._capsys.readouterr()
         code = main()
@@ -134,7 +142,7 @@ def person(monkeypatch: pytest.MonkeyPatch) -> Iterator[EmulatedPerson]:
         else:
             os.write(writer, b"\n")
 
-    for verb in ("collect", "auto"):
+    for verb in ("collect", "auto", "check"):
         monkeypatch.setattr(f"ruffini.cli.{verb}.note", hear)
     with os.fdopen(reader) as keyboard:
         monkeypatch.setattr(sys, "stdin", keyboard)
@@ -238,6 +246,7 @@ class Changed(Hanging):
 
 
 MOUNT = re.compile(r"mount indenter (\w+) ")
+TILT = re.compile(r"outer axis ([-+][\d.]+), inner axis ([-+][\d.]+) degrees")
 INDENTERS = """[[indenters]]
 name = "A1"
 shape = "flat"
@@ -262,6 +271,17 @@ shore_a = 30.0
 LENGTHS_M = {"A1": 0.0, "A2": 9e-4, "B1": -6e-4, "B2": 3e-4}
 
 
+class Both:
+    """A person who puts weights, or what hangs on the machine."""
+
+    def __init__(self, person: EmulatedPerson, held: Hanging) -> None:
+        self._person, self._held = person, held
+
+    def load(self, wrench: np.ndarray) -> Load:
+        by_hand = self._person.load(wrench)
+        return self._held.load(wrench) if by_hand is None else by_hand
+
+
 class ChangedDesk(Desk):
     """A board on a stage and six axes; a person mounts and turns what they are told."""
 
@@ -272,9 +292,9 @@ class ChangedDesk(Desk):
         person: EmulatedPerson, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, step: int,
     ) -> None:  # fmt: skip
         self.told, self.sentences = list[str](), list[str]()
-        self.leaves_at = ""
+        self.leaves_at, self._confirm = "", person.confirm
         monkeypatch.setattr(person, "confirm", self.mount)
-        super().__init__(Twin(unit, b""), folder, held, capsys, step)
+        super().__init__(Twin(unit, b""), folder, Both(person, held), capsys, step)
         origin = ", ".join(f"{1e3 * v:.3f}" for v in ORIGIN)
         self.rig = f"""[reference]
 kind = "network"
@@ -299,6 +319,8 @@ near_mm = 0.3
 
     def mount(self, asked: str) -> None:
         found = MOUNT.match(asked)
+        if found is None and TILT.search(asked) is None:
+            return self._confirm(asked)
         self.sentences.append(asked)
         self.told.append(found[1] if found else "turned")
         if self.told[-1] == self.leaves_at:
@@ -306,6 +328,7 @@ near_mm = 0.3
         if found is not None:
             (one,) = (row for row in tomllib.loads(self.listed)["indenters"] if row["name"] == found[1])
             self.change(found[1], one)
+        return None
 
     def change(self, name: str, one: dict[str, Any]) -> None:
         raise NotImplementedError
@@ -326,7 +349,7 @@ class GlitterDesk(ChangedDesk):
 
 @pytest.fixture
 def glitter(tmp_path, monkeypatch, capsys, person, slow_is_fine) -> Iterator[GlitterDesk]:
-    with EmulatedMarlin() as machine, EmulatedPage(0.8) as page:
+    with EmulatedMarlin() as machine, EmulatedPage(STATED_HZ) as page:
         desk = GlitterDesk(tmp_path, machine, page, person, capsys, monkeypatch)
         with desk.running(), desk.bench.cell:
             yield desk
@@ -355,7 +378,6 @@ def test_a_person_mounts_indenters_leaves_and_goes_on(glitter: GlitterDesk, monk
     assert [(p.shape, p.radius_mm, p.shore_a) for p in presses] == [("flat", 4.5, 80), ("sphere", 5.0, 80)]
 
 
-TILT = re.compile(r"outer axis ([-+][\d.]+), inner axis ([-+][\d.]+) degrees")
 FLAT_TOOLS = """[[indenters]]
 name = "T1"
 shape = "flat"
@@ -379,12 +401,18 @@ class TurnedTip(Hanging):
         super().__init__(machine, unit, Indenter("flat", 4e-3))
         self.radius_m, self._rig = unit.model.radius_m, unit.rig()
         self.mount(Indenter("flat", 4e-3))
-        self.tilt_rad = (0.0, 0.0)
+        self.set_rad = (0.0, 0.0)  # roll and pitch, by a person
         self.deepest = Pose(0.0, 0.0, 0.0)  # while what is mounted now was
 
     def mount(self, tool: Indenter) -> None:
         self.tool = tool
         self._rig.take(tool)
+
+    @property
+    def tilt_rad(self) -> tuple[float, float]:
+        """Of the tool in the fingertip's axes; the stage's axes of a five-axis machine are A and -B."""
+        by_stage = self._machine.turned
+        return (-np.deg2rad(by_stage["A"]), np.deg2rad(by_stage["B"])) if by_stage else self.set_rad
 
     @property
     def turn(self) -> np.ndarray:
@@ -410,13 +438,16 @@ class TipDesk(ChangedDesk):
     """stereo-fingertip with few elements, whose reference is in the stage's axes."""
 
     listed = FLAT_TOOLS
+    n_cells = 8
 
     def __init__(self, folder: Path, machine: EmulatedMachine, *others: Any) -> None:
         shutil.copytree(find_board("stereo-fingertip").folder, folder / "stereo-fingertip")
         twin = folder / "stereo-fingertip" / "twin.toml"
-        twin.write_text(twin.read_text().replace("cells = 18", "cells = 8"))
+        twin.write_text(twin.read_text().replace("cells = 18", f"cells = {self.n_cells}"))
         unit = build_unit(find_board(folder / "stereo-fingertip"))
         self.held = TurnedTip(machine, unit)
+        if machine.turned:
+            self.listed += 'axes = ["A", "-B"]\n'
         super().__init__(unit, self.held, folder, machine, *others, step=15)
         cell = self.bench.cell
         self.bench.twin.listeners[:] = [
@@ -426,7 +457,7 @@ class TipDesk(ChangedDesk):
     def mount(self, asked: str) -> None:
         super().mount(asked)
         if (found := TILT.search(asked)) is not None:
-            self.held.tilt_rad = tuple(-np.deg2rad([float(found[1]), float(found[2])]))
+            self.held.set_rad = tuple(-np.deg2rad([float(found[1]), float(found[2])]))
 
     def change(self, name: str, one: dict[str, Any]) -> None:
         self.held.mount(Indenter(one["shape"], one["size_mm"] / 2e3))
@@ -434,10 +465,10 @@ class TipDesk(ChangedDesk):
 
 
 @pytest.fixture
-def tip(tmp_path, monkeypatch, capsys, person) -> Iterator[TipDesk]:
+def tip(request, tmp_path, monkeypatch, capsys, person) -> Iterator[TipDesk]:
     # The picture of every second frame comes along.
-    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, 7e6))
-    with EmulatedMarlin() as machine, EmulatedPage(0.8) as page:
+    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 60.0, 8.0, 30.0, 7e6))
+    with EmulatedMarlin(turns=getattr(request, "param", "")) as machine, EmulatedPage(STATED_HZ) as page:
         desk = TipDesk(tmp_path, machine, page, person, capsys, monkeypatch)
         with desk.running(), desk.bench.cell:
             yield desk
@@ -463,22 +494,69 @@ def test_a_person_turns_a_fingertip_under_flat_tools(tip: TipDesk, monkeypatch) 
     assert pins_px[:2].max() < 0.1 < 1.0 < pins_px[-1]
 
 
+def judged_again(desk: ChangedDesk, monkeypatch: pytest.MonkeyPatch, auto: Path, *words: object) -> dict[str, Any]:
+    """The other verbs on the logs that `cal auto` kept: fit, report, flash, check and undo; what `check` found."""
+    unit, page = desk.folder / "unit.safetensors", desk.folder / "page.html"
+    board = desk.twin.board.folder
+    before = read(auto / "calibration.safetensors")
+    code, text, said = desk.cal(monkeypatch, "fit", auto / "fitted.h5", "--board", board, "--out", unit, *words)
+    fitted = json.loads(text)
+    assert (code, fitted["passed"]) == ((0, True) if not failing(fitted) else (1, False)), said
+    assert {name: table.tobytes() for name, table in read(unit).tensors.items()} == {
+        name: table.tobytes() for name, table in before.tensors.items()
+    }  # the same log gives the same tables
+    for log, is_fitted in (("fitted.h5", True), ("after.h5", False)):
+        words = ("--log", auto / log, "--board", board, "--previous", auto / "calibration.safetensors", "--out", page)
+        code, text, said = desk.cal(monkeypatch, "report", unit, *words)
+        judged = json.loads(text)
+        assert code == (1 if failing(judged) else 0), said
+        assert (judged["log"]["in_the_fit"], judged["log"]["simulated"]) == (is_fitted, False)
+        if is_fitted:
+            assert failing(judged) == failing(fitted)
+        told = page.read_text()
+        assert ("Passes its gates" in told) is not bool(failing(judged))
+        assert "data:image/png" in told
+        assert "SIMULATED" not in told
+    if failing(fitted):
+        code, _, said = desk.cal(monkeypatch, "flash", unit)
+        assert (code, "fails its gates" in said) == (4, True)
+    code, text, said = desk.cal(monkeypatch, "flash", unit, *(["--force"] if failing(fitted) else []))
+    assert (code, json.loads(text)["state"]) == (0, "active"), said
+    code, text, said = desk.cal(monkeypatch, "check", "--grams", 60, "--calibration", unit)
+    assert code == 0, said
+    checked = json.loads(text)
+    code, _, said = desk.cal(monkeypatch, "undo")
+    assert code == 0, said
+    with Connection(desk.port) as sensor:
+        assert sensor.hello.sensors[0].calibration.sha256 == before.sha256
+    return dict(checked)
+
+
+def failing(result: dict[str, Any]) -> dict[str, float]:
+    """Gates that refuse, with what was measured."""
+    return {gate["name"]: gate["value"] for gate in result["gates"] if gate["ok"] is False}
+
+
 @pytest.mark.long
-def test_auto_on_a_fingertip_that_a_person_turns(tip: TipDesk, monkeypatch) -> None:
-    """Few elements and few presses make no good fingertip: its gates are waived, its figures looked at."""
-    few = replace(FINGERTIP, quick=Counts(0, 8, 2, 0))
+@pytest.mark.parametrize("tip", ["AB"], indirect=True)
+def test_auto_on_a_fingertip_that_a_five_axis_stage_turns(tip: TipDesk, monkeypatch) -> None:
+    few = replace(FINGERTIP, quick=Counts(0, MIN_PRESSES, 2, 0))
     monkeypatch.setattr("ruffini.estimators.fingertip.stage.Fingertip.task", Turned("fingertip", "", few.unit, few))
     out = tip.folder / "auto"
-    code, text, said = tip.run(monkeypatch, tip.rig, "auto", "--quick", "--force", "--out", out, "--depth-mm", 0.7)
+    code, text, said = tip.run(monkeypatch, tip.rig, "auto", "--quick", "--out", out, "--depth-mm", 0.7)
     assert code == 0, said
     result = json.loads(text)
-    assert tip.told == ["T1", "turned", "T2", "turned", "T1", "T2"]  # fitted, then judged
+    assert tip.told == ["T1", "T2", "T1", "T2"]  # fitted, then judged; a person mounts the tools alone
+    assert {tuple(touch.facts["tilt_deg"]) for touch in read_log(out / "fitted.h5").touches} == {(30.0, -20.0), (0, 0)}
+    assert failing(result) == {}
     assert (result["simulated"], result["after"]["against"], result["after"]["touches"]) == (False, "the reference", 2)
     assert result["after"]["told"] > 0.5 * result["after"]["frames"]
     assert result["after"]["error"] < 75  # mN
-    assert (out / "report.html").exists()
     with Connection(tip.port) as sensor:
         assert sensor.hello.sensors[0].calibration.sha256.hex() == result["sha256"]
+    checked = judged_again(tip, monkeypatch, out, "--baseline-mm", eyes_apart_mm(tip.twin.board))
+    assert (checked["simulated"], checked["ok"]) == (False, True)
+    assert checked["allowed"] < 0.2  # N: as its report states
 
 
 @pytest.mark.long
@@ -491,9 +569,10 @@ def test_auto_on_indenters_that_a_person_mounts(glitter: GlitterDesk, monkeypatc
     assert glitter.told == [*LENGTHS_M, *LENGTHS_M]  # fitted, then judged
     assert (result["simulated"], result["after"]["against"], result["after"]["touches"]) == (False, "the reference", 6)
     assert result["after"]["error"] < 10  # % of the largest normal force
-    assert (out / "report.html").exists()
     with Connection(glitter.port) as sensor:
         assert sensor.hello.sensors[0].calibration.sha256.hex() == result["sha256"]
+    checked = judged_again(glitter, monkeypatch, out)
+    assert (checked["simulated"], checked["ok"]) == (False, True)
 
 
 def test_auto_replaces_no_calibration_that_nobody_could_put_back(
