@@ -14,14 +14,13 @@ from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import MAX_WRENCH_ERROR, MIN_PRESSES, Gate, at_least, at_most, part
 from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.contact_model.command import COMMAND
-from ruffini.estimators.contact_model.task import TASK
+from ruffini.estimators.contact_model.task import MAX_SHORE_A, TASK
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.wrench.log import features_of
 from ruffini.estimators.wrench.report import wrench_report
 from ruffini.tables import aligned
 
 MAX_GEL_MM = 0.2  # gel depth: the paper's own uncertainty of it
-MAX_SHORE_A = 16.0  # hardness: twice what the paper has, since few presses begin with more
 MIN_KIND = 0.8  # of presses whose kind, planar or Hertzian, is told right
 
 

@@ -30,7 +30,11 @@ def _forces_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
 
 def _forces_figures(words: list[Word]) -> dict[str, Any]:
     said, true, *_ = joined(words)
-    error, largest = np.linalg.norm((said - true)[:, :3], axis=1), float(np.linalg.norm(true[:, :3], axis=1).max())
+    is_measured = ~np.isnan(said[:, :3]).all(axis=0)
+    if not is_measured.any():  # nothing was said, which is no error of 0
+        is_measured[:] = True
+    off, force = (rows[:, :3][:, is_measured] for rows in (said - true, true))
+    error, largest = np.linalg.norm(off, axis=1), float(np.linalg.norm(force, axis=1).max())
     rmse = float(np.sqrt(np.mean(error**2)))
     return {
         "error": 1e3 * rmse, "touches": len(words), "force_rmse_n": rmse,
