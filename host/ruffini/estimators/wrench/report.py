@@ -175,6 +175,7 @@ def _picture(report: WrenchReport) -> Any:
         axis.plot(true, said, ".", markersize=3)
         axis.plot([true.min(), true.max()], [true.min(), true.max()], color="black", linewidth=0.6)
         axis.set(xlabel=f"reference {label}", ylabel="sensor")
+        axis.set_title("not measured" if np.isnan(said).all() else "", fontsize="medium")
         axis.grid(alpha=0.3)
     figure.tight_layout()
     return figure
