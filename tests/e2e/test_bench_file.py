@@ -252,15 +252,17 @@ class Changed(Hanging):
 
 MOUNT = re.compile(r"mount indenter (\w+) ")
 TILT = re.compile(r"outer axis ([-+][\d.]+), inner axis ([-+][\d.]+) degrees")
-# As few as a bench may have: a soft and a hard one of either kind, in two sizes.
+SIZES_MM = (11.0, 10.8, 10.5, 10.3, 10.0, 9.6, 9.2, 8.8, 8.5)
+FACES = ("square", "flat", "triangle", "square", "flat", "square", "flat", "square", "flat")
+FACES_SHORE, BALLS_SHORE = (60, 28, 68, 36, 76, 44, 85, 52, 20), (76, 60, 44, 28, 85, 68, 52, 36, 20)
+NAMES = [f"{kind}{i}" for kind in "AB" for i in range(len(SIZES_MM))]
 INDENTERS = "".join(
-    f'[[indenters]]\nname = "{name}"\nshape = "{shape}"\nsize_mm = {size:.1f}\nshore_a = {shore:.1f}\n'
-    for name, shape, size, shore in (
-        ("A1", "flat", 9, 80), ("A2", "square", 11, 80), ("A3", "square", 9, 35), ("A4", "flat", 11, 35),
-        ("B1", "sphere", 10, 80), ("B2", "sphere", 11, 80), ("B3", "sphere", 10, 30), ("B4", "sphere", 11, 30),
+    f'[[indenters]]\nname = "{name}"\nshape = "{shape}"\nsize_mm = {size_mm}\nshore_a = {shore:.1f}\n'
+    for name, shape, size_mm, shore in zip(
+        NAMES, [*FACES, *["sphere"] * len(SIZES_MM)], SIZES_MM * 2, FACES_SHORE + BALLS_SHORE, strict=True
     )
-)  # fmt: skip
-LENGTHS_M = {"A1": 0.0, "A2": 9e-4, "A3": 2e-4, "A4": -3e-4, "B1": -6e-4, "B2": 3e-4, "B3": 5e-4, "B4": 0.0}
+)
+LENGTHS_M = {name: 1e-4 * (7 * i % 16 - 6) for i, name in enumerate(NAMES)}
 
 
 class Both:
@@ -350,24 +352,24 @@ def glitter(tmp_path, monkeypatch, capsys, person, slow_is_fine) -> Iterator[Gli
 def test_a_person_mounts_indenters_leaves_and_goes_on(glitter: GlitterDesk, monkeypatch) -> None:
     out = glitter.folder / "log.h5"
     words = ("collect", "--out", out, "--program", "indenters", "--n", 2, "--depth-mm", 0.5)
-    glitter.leaves_at = "B1"
+    glitter.leaves_at = "B0"
     code, _, said = glitter.run(monkeypatch, glitter.rig, *words)
-    assert (code, "stopped by a key at 'mount indenter B1 (sphere of 10.0 mm, Shore A 80)" in said) == (4, True)
+    assert (code, "stopped by a key at 'mount indenter B0 (sphere of 11.0 mm, Shore A 76)" in said) == (4, True)
     glitter.leaves_at = ""
     code, text, said = glitter.run(monkeypatch, glitter.rig, *words)
     assert code == 0, said
     assert json.loads(text)["kept"] == 1
-    assert glitter.told == ["A1", "B1", "B1"]
+    assert glitter.told == ["A0", "B0", "B0"]
     log = read_log(out)
     assert log.facts["tip"] is None
     assert [one["name"] for one in log.facts["indenters"]] == list(LENGTHS_M)
-    for touch, name in zip(log.touches, ("A1", "B1"), strict=True):
+    for touch, name in zip(log.touches, ("A0", "B0"), strict=True):
         assert touch.facts["tool"]["name"] == name
         assert abs(touch.facts["contact_z_m"]) < 2.1e-4  # counted from where this indenter touched
         assert np.ptp(touch.arrays["stage_place"][:, 2]) == pytest.approx(5e-4)
         assert touch.arrays["reference_wrench"][:, 2].min() < -0.2
     presses = presses_of_log(out, glitter.twin.board)
-    assert [(p.shape, p.radius_mm, p.shore_a) for p in presses] == [("flat", 4.5, 80), ("sphere", 5.0, 80)]
+    assert [(p.shape, p.radius_mm, p.shore_a) for p in presses] == [("square", 5.5, 60), ("sphere", 5.5, 76)]
 
 
 FLAT_TOOLS = """[[indenters]]
@@ -486,33 +488,31 @@ def test_a_person_turns_a_fingertip_under_flat_tools(tip: TipDesk, monkeypatch) 
     assert pins_px[:2].max() < 0.1 < 1.0 < pins_px[-1]
 
 
-def judged_again(desk: ChangedDesk, monkeypatch: pytest.MonkeyPatch, auto: Path, *words: object) -> dict[str, Any]:
-    """The other verbs on the logs that `cal auto` kept: fit, report, flash, check and undo; what `check` found."""
-    unit, page = desk.folder / "unit.safetensors", desk.folder / "page.html"
-    board = desk.twin.board.folder
+def judged_again(
+    desk: ChangedDesk, monkeypatch: pytest.MonkeyPatch, auto: Path, *words: object, few: dict[str, float]
+) -> dict[str, Any]:
+    """Fit, report, flash, check and undo with the logs that `cal auto` kept; what `check` found.
+
+    few : gates that the judged touches, which are few, fail.
+    """
+    unit, page, board = desk.folder / "unit.safetensors", desk.folder / "page.html", desk.twin.board.folder
     before = read(auto / "calibration.safetensors")
     code, text, said = desk.cal(monkeypatch, "fit", auto / "fitted.h5", "--board", board, "--out", unit, *words)
-    fitted = json.loads(text)
-    assert (code, fitted["passed"]) == ((0, True) if not failing(fitted) else (1, False)), said
+    assert (code, failing(json.loads(text))) == (0, {}), said
     assert {name: table.tobytes() for name, table in read(unit).tensors.items()} == {
         name: table.tobytes() for name, table in before.tensors.items()
     }  # the same log gives the same tables
-    for log, is_fitted in (("fitted.h5", True), ("after.h5", False)):
+    for log, is_fitted, fails in (("fitted.h5", True, {}), ("after.h5", False, few)):
         words = ("--log", auto / log, "--board", board, "--previous", auto / "calibration.safetensors", "--out", page)
         code, text, said = desk.cal(monkeypatch, "report", unit, *words)
         judged = json.loads(text)
-        assert code == (1 if failing(judged) else 0), said
+        assert (code, failing(judged)) == (1 if fails else 0, fails), said
         assert (judged["log"]["in_the_fit"], judged["log"]["simulated"]) == (is_fitted, False)
-        if is_fitted:
-            assert failing(judged) == failing(fitted)
         told = page.read_text()
-        assert ("Passes its gates" in told) is not bool(failing(judged))
+        assert ("FAILS: " + "; ".join(fails) if fails else "Passes its gates") in told
         assert "data:image/png" in told
         assert "SIMULATED" not in told
-    if failing(fitted):
-        code, _, said = desk.cal(monkeypatch, "flash", unit)
-        assert (code, "fails its gates" in said) == (4, True)
-    code, text, said = desk.cal(monkeypatch, "flash", unit, *(["--force"] if failing(fitted) else []))
+    code, text, said = desk.cal(monkeypatch, "flash", unit, "--backup", desk.folder / "kept")
     assert (code, json.loads(text)["state"]) == (0, "active"), said
     code, text, said = desk.cal(monkeypatch, "check", "--grams", 60, "--calibration", unit)
     assert code == 0, said
@@ -546,25 +546,26 @@ def test_auto_on_a_fingertip_that_a_five_axis_stage_turns(tip: TipDesk, monkeypa
     assert result["after"]["error"] < 75  # mN
     with Connection(tip.port) as sensor:
         assert sensor.hello.sensors[0].calibration.sha256.hex() == result["sha256"]
-    checked = judged_again(tip, monkeypatch, out, "--baseline-mm", eyes_apart_mm(tip.twin.board))
+    checked = judged_again(tip, monkeypatch, out, "--baseline-mm", eyes_apart_mm(tip.twin.board), few={"presses": 2})
     assert (checked["simulated"], checked["ok"]) == (False, True)
     assert checked["allowed"] < 0.2  # N: as its report states
 
 
 @pytest.mark.long
 def test_auto_on_indenters_that_a_person_mounts(glitter: GlitterDesk, monkeypatch) -> None:
-    """Few elements and four indenters make no good contact model: its gates are waived, its figures looked at."""
     out = glitter.folder / "auto"
-    code, text, said = glitter.run(monkeypatch, glitter.rig, "auto", "--quick", "--force", "--out", out)
+    code, text, said = glitter.run(monkeypatch, glitter.rig, "auto", "--quick", "--out", out)
     assert code == 0, said
     result = json.loads(text)
-    assert glitter.told == [*LENGTHS_M, *LENGTHS_M]  # fitted, then judged
+    assert glitter.told == [*NAMES, "A0", "A3", "A6", "B0", "B3", "B6"]  # fitted, then judged
+    assert failing(result) == {}
     assert (result["simulated"], result["after"]["against"], result["after"]["touches"]) == (False, "the reference", 6)
     assert result["after"]["error"] < 10  # % of the largest normal force
     with Connection(glitter.port) as sensor:
         assert sensor.hello.sensors[0].calibration.sha256.hex() == result["sha256"]
-    checked = judged_again(glitter, monkeypatch, out)
+    checked = judged_again(glitter, monkeypatch, out, few={})
     assert (checked["simulated"], checked["ok"]) == (False, True)
+    assert checked["allowed"] < 0.5  # N: as its report states, of objects of shapes left out
 
 
 def test_auto_replaces_no_calibration_that_nobody_could_put_back(

@@ -102,7 +102,7 @@ class Estimator:
         """
         if "force_rms_percent" not in report:
             return None
-        return TIMES_RMS * max(report["force_rms_percent"] / 100 * force_n, float(report["light_force_rms_n"]))
+        return TIMES_RMS * max(float(report["force_rms_percent"]) / 100 * force_n, float(report["light_force_rms_n"]))
 
     def need(self, file: CalibrationFile, where: Path) -> None:
         """Raises InputError if a file has no table of this estimator."""

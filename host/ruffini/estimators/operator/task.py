@@ -30,10 +30,9 @@ def _forces_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
 
 def _forces_figures(words: list[Word]) -> dict[str, Any]:
     said, true, *_ = joined(words)
-    is_measured = ~np.isnan(said[:, :3]).all(axis=0)
-    if not is_measured.any():  # nothing was said, which is no error of 0
-        is_measured[:] = True
-    off, force = (rows[:, :3][:, is_measured] for rows in (said - true, true))
+    measured = np.flatnonzero(~np.isnan(said[:, :3]).all(axis=0))
+    axes = measured if len(measured) else np.arange(3)  # that nothing was said is no error of 0
+    off, force = (said - true)[:, axes], true[:, axes]
     error, largest = np.linalg.norm(off, axis=1), float(np.linalg.norm(force, axis=1).max())
     rmse = float(np.sqrt(np.mean(error**2)))
     return {
