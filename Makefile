@@ -91,10 +91,11 @@ docs: build  ## the documentation as a static site in build/docs/site: links and
 lint-docs: setup  ## spelling of the texts and comments
 	@git ls-files -z '*.md' '*.py' '*.h' '*.cpp' '*.proto' '*.toml' '*.ts' Makefile CMakeLists.txt | xargs -0 .venv/bin/codespell --ignore-words docs/vocabulary.txt
 
-lint-python: setup  ## ruff and mypy --strict
+lint-python: setup  ## ruff, mypy --strict, and that nothing is newer than Python 3.10
 	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests docs
 	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests docs
 	@$(PYTHON) -m mypy --config-file host/pyproject.toml host/ruffini host/papers
+	@.venv/bin/vermin --quiet --no-tips --eval-annotations -t=3.10- host/ruffini host/papers host/examples
 
 lint-page: build  ## types of the page, strict
 	@npm --prefix host/page --silent run check

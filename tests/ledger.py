@@ -16,9 +16,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from typing import Any
+
+import tomllib
 
 LEDGER = Path(__file__).parent / "ledger.toml"
 HEADER = "# Accumulated figures of long runs, written by tests/ledger.py; not to be edited by hand.\n"

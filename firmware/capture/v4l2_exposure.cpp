@@ -89,7 +89,7 @@ std::string set_white(const Ioctl& device, const ExposureSettings& asked) {
 
 Error cannot_be_told(const std::string& camera, const std::string& what) {
   return {ErrorKind::kBadInput, "camera " + camera + " cannot be told " + what +
-                                    ": give [exposure] of board.toml numbers that the camera has, or leave it out"};
+                                    ": give [exposure] of board.toml numbers that the camera has, or leave that section out"};
 }
 
 }  // namespace
@@ -120,8 +120,8 @@ Result<V4l2Controls> V4l2Controls::open(const std::string& camera, const std::st
   UniqueFd fd(::open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK));
   if (!fd) {
     return Error{ErrorKind::kUnavailable, "camera " + camera + ": " + path +
-                                              " does not open, by which it is told exposure.white_kelvin: is this user "
-                                              "in the group video?"};
+                                              " cannot be opened to set exposure.white_kelvin: is this user in the "
+                                              "group video?"};
   }
   const auto kept = std::make_shared<UniqueFd>(std::move(fd));
   const Ioctl device = [kept](unsigned long request, void* argument) {

@@ -27,7 +27,7 @@ constexpr std::array<FlagWord, 11> kFlagWords = {{{kFlagNoReference, "no rest im
                                                   {kFlagOverRange, "over range"},
                                                   {kFlagDark, "dark"},
                                                   {kFlagOverexposed, "overexposed"},
-                                                  {kFlagLight, "other light"},
+                                                  {kFlagLight, "changed light"},
                                                   {kFlagFeatures, "features of no wrench"},
                                                   {kFlagOtherPad, "another pad"},
                                                   {kFlagRepeated, "the same picture again"},

@@ -263,7 +263,11 @@ void Session::subscribe(const ruffini_Subscribe& request) {
 }
 
 void Session::send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message) {
-  if (replies_.size() >= kMaxReplies) return;
+  if (replies_.size() >= kMaxReplies) {  // its number is missing then
+    ++sequence_;
+    ++n_unsent_;
+    return;
+  }
   replies_.push_back({type, serialize_message(fields, message)});
 }
 
@@ -359,9 +363,10 @@ void Session::watch_zero(uint64_t now_us) {
   const uint32_t n = exchange_.refused_zeros;
   if (n == refused_zeros_) return;
   refused_zeros_ = n;
-  send_event(
-      now_us, ruffini_Event_Severity_SEVERITY_WARNING, "zero_refused",
-      "something came onto the pad while rest was learned: rest is what it was before; take it away and zero again");
+  send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "zero_refused",
+             "something came onto the pad, or the light changed, while rest was learned: the previous rest stays; "
+             "clear the pad, "
+             "steady the light and zero again");
 }
 
 // Before frames arrive again, a finger may lie on the pad; it must not become part of the rest image.

@@ -135,6 +135,7 @@ class Session {
   uint64_t order_ = 0;
   uint64_t received_us_ = 0;           // arrival time of the bytes being handled
   uint64_t n_replaced_ = 0;            // telemetry replaced by a newer message of its type
+  uint64_t n_unsent_ = 0;              // replies and events for which the queue had no room
   uint64_t n_dropped_on_hang_up_ = 0;  // messages that were queued when the line was lost
   uint64_t n_truncated_ = 0;           // frames truncated by a hang-up
   std::vector<uint8_t> writing_;

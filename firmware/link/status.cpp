@@ -187,14 +187,14 @@ void Session::send_status(uint64_t now_us) {
   m.frames_processed = frames;
   m.has_drops = true;
   m.drops = {.capture_overrun = exchange_.frames_overrun.load(),
-             .link_backpressure = exchange_.telemetry_dropped.load(),
+             .link_backpressure = exchange_.telemetry_dropped.load() + n_unsent_,
              .invalid_frame = exchange_.frames_invalid.load(),
              .rx_bad_crc = decoder_.counters().bad_crc,
              .rx_malformed = decoder_.counters().malformed + rx_malformed_,
              .rx_oversize = decoder_.counters().oversize,
              .rx_echo = rx_echo_,
              .link_replaced = n_replaced_,
-             .link_ring_full = exchange_.telemetry_dropped.load() - n_replaced_,
+             .link_ring_full = exchange_.telemetry_dropped.load() - n_replaced_ + n_unsent_,
              .link_down = n_dropped_on_hang_up_,
              .link_cut = n_truncated_};
   m.has_access = true;

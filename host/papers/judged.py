@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from papers.recorded import Recorded, recorded_runs
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.files import readable, write_whole
+from ruffini.older_python import tomllib
 from ruffini.sim.reproduce.make import digest, reproduce
 from ruffini.sim.reproduce.settings import load_reproduce
 

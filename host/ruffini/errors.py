@@ -1,5 +1,7 @@
 """Errors of ruffini. Each message says what happened, on what, and what to do."""
 
+import sys
+
 
 class RuffiniError(Exception):
     """Base of all errors that a user of the package may want to catch.
@@ -11,6 +13,12 @@ class RuffiniError(Exception):
 
     def __init__(self, message: str = "") -> None:
         super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in message))
+
+    if sys.version_info < (3, 11):
+
+        def add_note(self, note: str) -> None:
+            """What newer exceptions have."""
+            self.__notes__ = [*getattr(self, "__notes__", ()), note]
 
 
 class InputError(RuffiniError, ValueError):

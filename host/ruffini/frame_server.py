@@ -8,10 +8,10 @@ import threading
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
+from ruffini.older_python import Self
 
 VERSION = 1
 POLL_S = 0.1  # between two looks at whether to stop

@@ -6,10 +6,11 @@ import ast
 import functools
 import re
 import subprocess
-import tomllib
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+
+import tomllib
 
 # What each room of the firmware may include, besides itself. Order of the pipeline, one direction.
 FIRMWARE_MAY_INCLUDE: dict[str, set[str]] = {
@@ -189,6 +190,8 @@ def missing_includes(root: Path) -> list[str]:
         if "cmath" in reached:
             reached.add("cstdlib")  # for std::abs, which both declare
         code = re.sub(r"//.*", "", _text(path))
+        if "std::" not in code:
+            continue
         for header, names in STD_HEADERS.items():
             used = re.search(rf"\bstd::(?:ranges::)?({names})\b", code)
             if used and header not in reached:
@@ -264,8 +267,10 @@ def board_names(root: Path) -> list[str]:
     boards = [path.parent.name for path in (root / "boards").glob("*/board.toml")]
     found = []
     for path in _sources(root, "firmware/", "host/ruffini/"):
+        text = _text(path).lower()
         for board in boards:
-            if re.search(rf"(?<![\w-]){re.escape(board)}(?![\w-])", _text(path), re.I):
+            name = board.lower()
+            if name in text and re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", text):
                 found.append(f"{path.relative_to(root)} names the board {board!r}: take it from the board's folder")
     return found
 

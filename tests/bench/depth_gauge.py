@@ -93,7 +93,8 @@ def rendered(board: Board, seed: int) -> dict[str, float]:
                 pipeline.process(image)
                 if is_judged:
                     seen.append(pipeline.raw("displacement") * DISPLACEMENT_LSB_M)
-    u, true = np.array(seen), truth["displacement"][truth["judged"]][:, *board.observed, 2].mean(axis=(1, 2))
+    seen_z = (slice(None), *board.observed, 2)
+    u, true = np.array(seen), truth["displacement"][truth["judged"]][seen_z].mean(axis=(1, 2))
     out = {"none": rms_um(true)}
     for gauge in GAUGES:
         other = with_gauge(board, gauge)

@@ -9,7 +9,6 @@ import os
 import re
 import shutil
 import sys
-import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomllib
 from test_auto_boards import coarse
 from tiny_twin import Twin
 

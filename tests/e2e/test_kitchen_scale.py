@@ -66,8 +66,10 @@ def test_presses_on_a_scale_find_a_pad_that_is_stiffer_than_its_board_says(
 
     with desk.running():
         start_s = host_clock.now()
-        _, log = desk.collect(monkeypatch, SCALE + LIMITS, "--program", "scale", "--grams", "100,200,300", "--n", 18)
+        _, log = desk.collect(monkeypatch, SCALE + LIMITS, "--program", "scale", "--grams", "100,200,300", "--n", 18,
+                              "--tip", "ball")  # fmt: skip
         took_s = host_clock.now() - start_s
+        assert log.facts["tip"] == {"name": "ball"}
         before, typed = errors(log, truth)
         port, board, file = ("--port", desk.port), ("--board", desk.twin.board.folder), tmp_path / "new.safetensors"
         run("cal", "fit", tmp_path / "log.h5", *board, "--previous", tmp_path / "calibration", "--out", file,

@@ -141,6 +141,14 @@ def test_verbs_use_a_camera_of_this_computer_and_its_calibrations(
     assert code == 0, said
     (told,) = json.loads(out)["sensors"]
     assert told["calibration"]["present"], "kept from one verb to the next"
+    code, _, said = run(*own, "cal", "fit", str(tmp_path / "missing.h5"), "--out", str(tmp_path / "fit.safetensors"))
+    assert code in (2, 3)
+    assert "missing.h5" in said, "the board is known"
+    collect = ("cal", "collect", "--rig", "scale", "--out", str(tmp_path / "log.h5"))
+    other = "eltac" if sensor.board.name != "eltac" else "ftouch"
+    code, _, said = run(*own, *collect, "--board", other)
+    assert code == 2
+    assert f"is of board {sensor.board.name}, not {other}: give --board accordingly" in said
     for words, sentence in (
         (("--camera", "x", "--port", "y"), "give it alone"),
         (("--board", "gelslim"), "needs --camera"),

@@ -193,9 +193,11 @@ def test_questions_do_not_put_its_end_off(run: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(replay, "END_S", HANG_S)
     patience = Patience()
     with over(run, monkeypatch) as host, contextlib.suppress(NoDeviceError):
-        while not patience.is_over():
-            host._send("STATUS")
+        while host.messages.n_added < N_FRAMES:
             host._read()
+        while not patience.is_over():  # and no answer is read
+            host._send("STATUS")
+            time.sleep(replay.TURN_S)
     assert not patience.is_over()
 
 

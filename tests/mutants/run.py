@@ -19,12 +19,13 @@ import subprocess
 import sys
 import threading
 import time
-import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import tomllib
 
 REPO = Path(__file__).parents[2]
 TIMEOUT_S = 300.0

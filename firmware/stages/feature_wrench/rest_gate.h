@@ -1,7 +1,7 @@
 // Decides whether a picture's features are those of an untouched gel, which vary by noise and by light that drifts.
 //
-//   untouched: |R f| <= 1      R: d x n, Q20; R^T R is the inverse covariance of untouched features over the square of
-//                              the limit that the fit sets (host/ruffini/estimators/wrench/rest.py)
+//   untouched: |R f| <= 1      R: d x n, Q20; R^T R = (inverse covariance of untouched features) / limit^2, the limit
+//                              as the fit sets it (host/ruffini/estimators/wrench/rest.py)
 //
 // Not in the paper. Frame thread; no allocation after load.
 #pragma once

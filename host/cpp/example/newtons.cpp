@@ -27,6 +27,7 @@ namespace {
 constexpr int kTries = 6;
 constexpr double kTickS = 1.0 / 60;            // period of the control loop
 constexpr double kReplyS = 0.5, kTimeS = 1.0;  // until a question is repeated; between two exchanges of time
+constexpr double kDrift = 3e-4;                // of the clocks, at most
 constexpr double kTimeOldS = 5.0;              // the clock's error is unknown if TIME was not answered for so long
 constexpr double kSilenceS = 3.0;              // STATUS comes once a second: without it line or subscription is gone
 constexpr double kNoFrameS = 5.0;              // until a stalled camera is reported
@@ -175,7 +176,7 @@ class Printer {
       if (reply->code != client::kReplyOk) refusal = reply->text;
       return true;
     });
-    return is_subscribed ? refusal : "no reply";
+    return is_subscribed ? refusal : "no answer to the subscription";
   }
 
   // Call after each packet, and after connect(), which reads some itself.
@@ -183,7 +184,8 @@ class Printer {
     if (!damage_.update(port.counters().damaged(), now_s())) return;
     std::fprintf(
         stderr,
-        "%s: two frames damaged within six minutes: not for control while damage is so frequent: see the cable\n",
+        "%s: two damaged frames within six minutes: not for control until six minutes have passed with at most one; see "
+        "the cable\n",
         path_);
   }
 
@@ -278,7 +280,8 @@ class Printer {
   // True if the last force may be used now: its age grows while nothing arrives.
   [[nodiscard]] bool is_for_control() const {
     const double captured_s = 1e-6 * static_cast<double>(wrench_.stamp.capture_us) + host_minus_device_s_;
-    const double error_s = now_s() - answered_s_ < kTimeOldS ? clock_error_s_ : client::kNaN;
+    const double since_s = now_s() - answered_s_;
+    const double error_s = since_s < kTimeOldS ? clock_error_s_ + kDrift * since_s : client::kNaN;
     return is_usable(wrench_, {2}, now_s() - captured_s + error_s, damage_.is_unfit(now_s()), health_);
   }
 

@@ -132,7 +132,8 @@ class Sensor:
     def zero(self, *, even_if_touched: bool = False) -> None:
         """Learn a new rest image from the next frames, which carry FLAG_NO_REFERENCE.
 
-        A contact during that time aborts it: the previous rest image stays, with a note `zero_refused`.
+        A contact during that time aborts it: the previous rest image stays, with a note `zero_refused`. While a flag
+        such as FLAG_LIGHT makes forces invalid no contact is seen: it becomes part of the rest image.
 
         Raises
         ------

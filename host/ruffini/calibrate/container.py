@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ruffini.boards import Board, find_board
 from ruffini.errors import InputError, RefusedError, VerifyError
 from ruffini.files import readable, write_whole
+from ruffini.older_python import UTC
 from ruffini.version import __version__
 
 Tensors = dict[str, npt.NDArray[np.generic]]
@@ -88,7 +89,7 @@ def base_metadata(board: Board, *, sensor_serial: str = "*", gel_serial: str = "
         "optics": board.camera.optics,
         "version": "1",
         "security_epoch": "0",
-        "created_utc": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "created_utc": datetime.datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "tool_version": __version__,
         "inputs_sha256": hashlib.sha256(board.text.encode()).hexdigest(),
     }
@@ -96,7 +97,7 @@ def base_metadata(board: Board, *, sensor_serial: str = "*", gel_serial: str = "
 
 def metadata_without_board() -> dict[str, str]:
     """The manifest of a file for a sensor that no board describes; it is judged on the host; no board accepts it."""
-    created = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    created = datetime.datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {
         "format": "ruffini-calibration", "format_version": "1", "product": "ruffini", "board": "none",
         "sensor_serial": "*", "gel_serial": "*", "resolution": "0x0", "optics": "none", "version": "1",

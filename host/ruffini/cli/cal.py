@@ -64,7 +64,7 @@ def zero(
     wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Wait until it is learned.")] = True,
     json_: JsonFlag = False,
 ) -> None:
-    """Learn the untouched image again. Nothing may touch the pad: else the device keeps the old image."""
+    """Learn the untouched image again. Clear the pad: a press is refused, but not seen under flags like FLAG_LIGHT."""
     from ruffini.device.zeroing import learn_rest
 
     with open_sensor() as sensor:

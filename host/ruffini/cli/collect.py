@@ -148,7 +148,7 @@ def collect(
                           "shear_mm": shear_mm, "rig": rig, "tip": presses, **span.facts})  # fmt: skip
     n_before = len(log.done())
     next_step = f"Next: ruffini cal fit {out} --board {board} --out calibration.safetensors"
-    if asked.is_of_scale:
+    if asked.is_of_scale and "force_x" not in found.board.not_measured:
         next_step += f". {NO_SHEAR}"
     page = _page(f"{program} on {found.name}", next_step, http_port, opens=not no_browser) if view else None
     with _bench(settings, found, program, limits, calibration, options, page) as bench, progress_bar("touches") as bar:

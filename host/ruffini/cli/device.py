@@ -46,6 +46,8 @@ def common_options(
         raise InputError("--camera: give it alone, or --port or --serial for a sensor that runs its own firmware")
     if camera is not None:
         Settings.port, Settings.serial = context.with_resource(own_camera(camera, board)), None
+        if board is not None:
+            context.default_map = {"cal": {verb: {"board": board} for verb in ("auto", "collect", "fit")}}
     elif board is not None:
         raise InputError("--board before the verb needs --camera: a sensor on a port tells its board itself")
 
@@ -60,6 +62,7 @@ def open_sensor() -> Connection:
 def devices(json_: JsonFlag = False) -> None:
     """List the sensors that answer."""
     from ruffini.device import Connection
+    from ruffini.device.choice import NOTHING_FOUND
     from ruffini.device.namesakes import namesakes
     from ruffini.device.ports import candidate_ports
     from ruffini.errors import RuffiniError
@@ -75,7 +78,7 @@ def devices(json_: JsonFlag = False) -> None:
             rows.append({"port": port, "error": str(error)})
     text = "\n".join(f"{r['port']}  " + (r.get("error") or f"{r['serial']}  {', '.join(r['boards'])}") for r in rows)
     if not any("serial" in r for r in rows):
-        raise NoDeviceError(text or "no sensor found: plug one in, or name its port with --port")
+        raise NoDeviceError(text or NOTHING_FOUND)
     mixed_up = namesakes([(r["port"], r["serial"]) for r in rows if "serial" in r])
     emit({"devices": rows, "same_serial": mixed_up}, json_, "\n".join([text, *mixed_up]))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +12,7 @@ import typer
 
 from ruffini.cli.common import JsonFlag, emit
 from ruffini.errors import InputError, RefusedError
+from ruffini.older_python import StrEnum
 
 if TYPE_CHECKING:
     from ruffini.device.eeprom import Eeprom, Identity

@@ -95,7 +95,7 @@ def fit(
     paths = [*(logs or []), *(more_logs or [])]
     if not paths and (command is None or options is None or command.logs):
         what = command.logs.rstrip(".") if command is not None and command.logs else "logs, recordings or ball presses"
-        raise InputError(f"nothing to fit to: give {what[0].lower()}{what[1:]}")
+        raise InputError(f"nothing to fit to: give {what}")
     before = None if previous is None else keys.read_verified(previous)
     found = container.board_of(before, board) if before is not None else find_board(board) if board else None
     if found is None and (command is None or command.needs_board):
@@ -112,7 +112,7 @@ def fit(
     for file in [*job.parts, *([job.other_units] if job.other_units else [])]:
         container.check_board(file, job.board)
     if only is not None and found is not None and not BY_NAME[only].is_used(found):
-        note(f"the stages of board {found.name!r} do not use what stage {only} makes")
+        note(f"the stages of board {found.name!r} do not use what step {only} makes")
     start = time.monotonic()
     with progress_bar("fit") as bar:
         tell = teller() if only is None else lambda *_: None
@@ -150,10 +150,9 @@ def verb(command: Command | None = None) -> Callable[..., None]:
 
     Those of its own replace those of `fit` that have their names.
     """
-    hints = get_type_hints(fit, include_extras=True)
     taken = {
-        name: one.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[name])
-        for name, one in inspect.signature(fit).parameters.items()
+        name: one.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, one in inspect.signature(fit, eval_str=True).parameters.items()
         if name != "options" and (command is None or name in (*COMMON, *command.shared))
     }
     own = () if command is None or command.options is None else dataclasses.fields(command.options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand
@@ -85,10 +85,9 @@ def _argument(name: str, kind: Any, metavar: str, text: str, default: Any) -> in
 
 def _parameters(function: Function) -> dict[str, tuple[Any, OptionInfo | ArgumentInfo, Any]]:
     """Type without None, Typer's declaration and default of each parameter."""
-    hints = get_type_hints(function, include_extras=True)
     found = {}
-    for name, parameter in inspect.signature(function).parameters.items():
-        kind, info = get_args(hints[name])[:2]
+    for name, parameter in inspect.signature(function, eval_str=True).parameters.items():
+        kind, info = get_args(parameter.annotation)[:2]
         kinds = [one for one in get_args(kind) if one is not type(None)]
         is_optional = type(None) in get_args(kind) and get_origin(kind) is not list
         found[name] = (kinds[0] if is_optional and len(kinds) == 1 else kind, info, parameter.default)

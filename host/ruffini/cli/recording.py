@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ import typer
 
 from ruffini.cli.common import JsonFlag, emit, note
 from ruffini.errors import InputError
+from ruffini.older_python import StrEnum
 
 FileArgument = Annotated[Path, typer.Argument(help="MCAP file of `ruffini record` or of the page.")]
 SensorOption = Annotated[

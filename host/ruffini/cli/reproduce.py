@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-from enum import StrEnum
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated
@@ -12,6 +11,7 @@ import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
+from ruffini.older_python import StrEnum
 
 PAPER_BENCH = "reproduce.toml"
 

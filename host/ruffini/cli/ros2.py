@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, Settings, emit, note
+from ruffini.older_python import StrEnum
 
 
-class Through(enum.StrEnum):
+class Through(StrEnum):
     """How messages get into ROS."""
 
     zenoh = "zenoh"

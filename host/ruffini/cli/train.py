@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.older_python import StrEnum
 
 
 class Plans(StrEnum):

@@ -6,7 +6,7 @@ FAULTS = {
     8: "markers lost",
     64: "dark",
     128: "overexposed",
-    1024: "other light",
+    1024: "changed light",
     4096: "not the board's pitch",
     32768: "the same picture again",
     65536: "no whole picture",

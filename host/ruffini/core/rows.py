@@ -55,8 +55,8 @@ class SkinState(NamedTuple):
 class TipRow(NamedTuple):
     """What presses on a fingertip in the last frame: a tool that came down along its own axis; micro-units.
 
-    x, y : its axis' place in its own axes; roll, pitch : of the fingertip under it; area : of its face; flat : area of
-    the wall that lies in its plane.
+    x, y : offset of its axis from the fingertip's, in its own axes; roll, pitch : of the fingertip under it; area : of
+    its face; flat : area of the wall that lies in its plane.
     sigma_* : standard deviations, one for both places and one for both angles.
     """
 

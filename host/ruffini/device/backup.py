@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ruffini.errors import InputError
 from ruffini.files import write_whole
+from ruffini.older_python import UTC
 
 
 def folder() -> Path:
@@ -32,7 +33,7 @@ def keep(data: bytes, serial: str, into: Path) -> Path:
         for there in sorted(into.glob(f"{name}-*-{digest}.safetensors")):
             if there.read_bytes() == data:
                 return there
-        now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+        now = datetime.datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
         path = into / f"{name}-{now}-{digest}.safetensors"
         write_whole(path, data)
     except OSError as error:

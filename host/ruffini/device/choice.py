@@ -9,6 +9,10 @@ from ruffini.device.namesakes import namesakes
 from ruffini.device.ports import candidate_ports
 from ruffini.errors import NoDeviceError, RuffiniError, SeveralDevicesError
 
+NOTHING_FOUND = (
+    "no sensor found: plug one in, or give before the verb its port (--port), or a camera at this computer (--camera)"
+)
+
 
 def connect(port: str | None = None, serial: str | None = None) -> Connection:
     """Open the sensor on `port`, the one with `serial`, or the only one that is connected.
@@ -26,7 +30,7 @@ def connect(port: str | None = None, serial: str | None = None) -> Connection:
     serial = serial or os.environ.get("RUFFINI_SERIAL")
     ports = port.split(",") if port else candidate_ports()
     if not ports:
-        raise NoDeviceError("no sensor found: plug one in, or name its port with --port")
+        raise NoDeviceError(NOTHING_FOUND)
     if len(ports) == 1 and serial is None:
         return Connection(ports[0])
     answering: list[Connection] = []

@@ -213,7 +213,7 @@ class SkinTouch:
 class ToolTouch:
     """A tool pressed along its own axis into a round fingertip.
 
-    place_m : offset of the tool's axis, in the tool's axes. way_m : travel of the tool since first touch.
+    place_m : offset of the tool's axis from the fingertip's, in the tool's axes. way_m : travel since first touch.
     roll_rad, pitch_rad : rotation of the fingertip under the tool, about x, then about y.
     normal_force_n : along the tool's axis, in the camera frame.
     flat_area_m2 : area of the wall that lies in the tool's plane, None if not measured. The area of the tool's face is

@@ -110,7 +110,9 @@ def the_one(boards: Sequence[Board], what: str) -> Board:
         None, or several: the message lists them.
     """
     if not boards:
-        raise InputError(f"{what} fits no board: name one with --board (`ruffini board list` shows them)")
+        raise InputError(
+            f"{what} fits no shipped board: give --board with your board's folder (docs/how-to/add-a-board.md)"
+        )
     if len(boards) > 1:
         raise InputError(f"{what} fits several boards: choose one with --board of {', '.join(b.name for b in boards)}")
     return boards[0]

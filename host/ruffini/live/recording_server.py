@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from ruffini.errors import InputError, NoDeviceError
 from ruffini.files import readable
 from ruffini.frame_server import FrameServer
 from ruffini.frames import read_frames
+from ruffini.older_python import tomllib
 
 MEASURED, SIMULATED = b"RFRC", b"RFRS"
 LEAST_MHZ, MOST_MHZ = 100, 1_000_000  # as in a board.toml; a video that states another rate is played at the board's

@@ -157,4 +157,4 @@ def check_axes(facts: Facts, change: Array) -> None:
                          "axes are swapped: turn it, or give axes in [reference]")  # fmt: skip
     if force[2] > 0:
         raise InputError(f"{facts.name} sees a press as +z: it measures the force on itself, or is upside down: "
-                         "give is_inverted = true, or axes, in [reference]")  # fmt: skip
+                         "turn it over, or give is_inverted = true or axes, if its kind has one")  # fmt: skip

@@ -170,7 +170,9 @@ def _good_touch(bench: Bench, i: int, item: Item, again: Callable[[str], None]) 
             return record, tries
         bench.guide.bad(i, "; ".join(faults))
         again("; ".join(faults))
-    raise RefusedError(f"{item.told()} was bad {MAX_TRIES} times: {'; '.join(faults)}")
+    hint = " (deeper than half of the pad, or more than the calibration in force was fitted to: press less, or undo it)"
+    told = "; ".join(faults)
+    raise RefusedError(f"{item.told()} was bad {MAX_TRIES} times: {told}{hint if 'over_range' in told else ''}")
 
 
 def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:

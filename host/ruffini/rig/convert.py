@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +20,7 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.files import readable
+from ruffini.older_python import tomllib
 from ruffini.rig.csv_log import Table, read_table, wrench_log
 from ruffini.rig.cutting import Cut, cut, tare_of
 from ruffini.rig.log_file import Log, TouchRecord

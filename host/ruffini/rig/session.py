@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from ruffini.boards import Board
 from ruffini.device import Connection
+from ruffini.errors import InputError
 from ruffini.rig.bench import MAX_HOLD_S, Bench, Person
 from ruffini.rig.guarded_stage import GuardedStage, Limits, force_guard
 from ruffini.rig.holder import Holder
@@ -94,7 +95,15 @@ def sent_image_bytes(width_px: int, height_px: int) -> int:
 
 @contextlib.contextmanager
 def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Watched]:
-    """The sensor's stream, with what its pipeline makes and some pictures."""
+    """The sensor's stream, with what its pipeline makes and some pictures.
+
+    Raises
+    ------
+    InputError
+        The sensor is not of `board`.
+    """
+    if board.name not in (boards := [described.board for described in sensor.hello.sensors]):
+        raise InputError(f"{sensor.port} is of board {', '.join(boards)}, not {board.name}: give --board accordingly")
     names = {1 << i: sensor.schema.enum_names("FlagBit", 1 << i) for i in range(32)}
     bits = {found[0]: bit for bit, found in names.items() if found and found[0] in BAD_FLAGS}
     camera = board.camera

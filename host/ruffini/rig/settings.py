@@ -2,10 +2,10 @@
 
 schema = 1
 [reference]
-kind = "text"               # i2c: part_number, bus; network: host, full_scale, sigma (six each, N and N m), axes
-                            # (which of its axes are the pad's: ["+y", "-x", "+z"]), arm_mm (the pad's centre from
-                            # its origin; needed with a connector); weight: sigma_g; hid: path ("/dev/hidraw0"),
-                            # sigma_g; csv: path
+kind = "text"               # all keys: the classes below. i2c: part_number; network: host, full_scale, sigma (six
+                            # each, N and N m), axes (which of its axes are the pad's: ["+y", "-x", "+z"]), arm_mm
+                            # (the pad's centre from its origin; needed with a connector); weight: sigma_g; hid: path
+                            # ("/dev/hidraw0"); csv: path
 port = "/dev/ttyUSB0"
 unit = "g"
 full_scale_n = 20.0
@@ -42,7 +42,6 @@ max_force_n = 6.0
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -52,6 +51,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.files import readable
+from ruffini.older_python import tomllib
 from ruffini.rig.grbl import Grbl
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.hid_scale import HidScale

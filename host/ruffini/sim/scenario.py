@@ -19,7 +19,6 @@ leds = [2]
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,6 +29,7 @@ from pydantic import Field, ValidationError, model_validator
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
 from ruffini.files import readable
+from ruffini.older_python import tomllib
 from ruffini.sim.bodies import touches
 from ruffini.sim.bodies.connector import connector
 from ruffini.sim.optics.conditions import Conditions, TrayPose

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,6 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 from ruffini.boards import Board, Section, board_names, boards_folder
 from ruffini.errors import InputError
 from ruffini.files import readable
+from ruffini.older_python import tomllib
 from ruffini.sim.bodies import settings as bodies
 from ruffini.sim.optics import settings as optics
 from ruffini.sim.prony import Prony

@@ -6,7 +6,7 @@ What the board needs to know of it stands in the file's metadata (proto/NETWORK.
 from __future__ import annotations
 
 import json
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from torch import nn
 from ruffini.boards import Board
 from ruffini.errors import VerifyError
 from ruffini.files import write_whole
+from ruffini.older_python import UTC
 from ruffini.train.stereo_frames import BINARY_LEVEL, GREY, OUTPUTS, ROI_COLUMNS, ROI_ROWS, Samples
 from ruffini.train.stereo_network import HALF_RANGE, StereoNet
 from ruffini.train.stereo_predict import StereoNetwork

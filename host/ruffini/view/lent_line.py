@@ -119,10 +119,13 @@ class LentLine(Line):
 
     async def say_goodbye(self) -> None:
         show_guide(self.boxes, self._tell_state)
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(GOODBYE_S):
-                while not all(box.is_empty for box in self.boxes):
-                    await asyncio.sleep(TELL_S / 10)
+
+        async def emptied() -> None:
+            while not all(box.is_empty for box in self.boxes):
+                await asyncio.sleep(TELL_S / 10)
+
+        with contextlib.suppress(asyncio.TimeoutError):  # Python 3.10's own
+            await asyncio.wait_for(emptied(), GOODBYE_S)
 
     def _put(self, box: Outbox, frame: Frame) -> None:
         if self._stand_in.forwards(frame):

@@ -30,6 +30,7 @@ from ruffini.errors import InputError, RefusedError, RuffiniError
 from ruffini.estimators.table import needs_ball_first, reported_by, scale_span
 from ruffini.files import readable, write_whole
 from ruffini.live.folders import CALIBRATIONS, unit_folder
+from ruffini.older_python import UTC
 from ruffini.rig.bench import Bench
 from ruffini.rig.collect import collect
 from ruffini.rig.guide import Guide
@@ -294,7 +295,7 @@ class ScaleCalibration:
         check_weights(presses, SCALE_MAX_N)
         if scale:  # one that cannot be opened is told while the form is there
             scale_rig(scale).reference.open().close()
-        now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%S%fZ")
+        now = datetime.datetime.now(UTC).strftime("%Y%m%dT%H%M%S%fZ")
         folder = self._root() / now
         Plan(ball_mm, scale, grams, (tuple(presses),), self._sha256).write(folder)
         self.current = folder

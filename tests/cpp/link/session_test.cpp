@@ -286,11 +286,15 @@ TEST_F(SessionTest, StatusCarriesTheTemperatureWhereThereIsOne) {
   EXPECT_EQ(warm.temperatures[0].milli_celsius, 23'450);
 }
 
-// A host that asks and does not read: the newest questions are not answered, and nothing grows.
-TEST_F(SessionTest, OfRepliesThatNobodyReadsOnlySoManyAreKept) {
+// A host that asks and does not read: the newest questions are not answered, nothing grows, and the host can see that.
+TEST_F(SessionTest, OfRepliesThatNobodyReadsOnlySoManyAreKeptAndTheOthersAreMissing) {
   for (int i = 0; i < 200; ++i) session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
-  EXPECT_EQ(read_all().size(), 64U);
-  EXPECT_EQ(ask(ruffini_MessageType_MESSAGE_TYPE_HELLO).size(), 1U) << "and then it goes on";
+  const auto kept = read_all();
+  ASSERT_EQ(kept.size(), 64U);
+  EXPECT_EQ(status().drops.link_ring_full, 136U);
+  const auto next = ask(ruffini_MessageType_MESSAGE_TYPE_HELLO);
+  ASSERT_EQ(next.size(), 1U) << "and then it goes on";
+  EXPECT_EQ(next[0].header.sequence, 201U) << "a number for each message, sent or not, and one for STATUS";
 }
 
 TEST_F(SessionTest, AFrameThatWasBegunIsFinishedBeforeANewerOne) {

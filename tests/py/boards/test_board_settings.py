@@ -7,11 +7,11 @@ import json
 import os
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
+import tomllib
 
 from ruffini import native
 from ruffini.boards import Board, board_names, find_board, parse_board

@@ -45,6 +45,14 @@ def light(run: FeatureRun, part: float) -> FeatureRun:
     return replace(run, features=run.features * part, reference=reference, reference_s=run.time_s)
 
 
+def shuffled(run: FeatureRun) -> FeatureRun:
+    """Its forces, each at another moment of the same press."""
+    order = np.concatenate(
+        [np.random.default_rng(i).permutation(np.flatnonzero(run.touch == i)) for i in set(run.touch)]
+    )
+    return replace(run, reference=run.reference[order], reference_s=run.time_s)
+
+
 def fleet() -> Fit:
     units = [unit(i, 12, 1 + 0.05 * (i - 2)) for i in range(5)]
     return fit_wrench_map(units, holdout="recording", nonlinear=True, grid=GRID)
@@ -61,6 +69,17 @@ def test_three_presses_tell_how_stiff_a_new_unit_is() -> None:
     assert (np.abs(after) < sigma).mean() > 0.6
     # On the board's integers: a thousandth of full scale.
     assert np.abs(on_board(fit, others).wrench - fit.map.predicted(others)).max() < 8e-3
+
+
+def test_stated_errors_grow_with_the_stiffness_and_with_what_this_unit_errs_by() -> None:
+    prior = kept(fleet).map
+    assert adapt([unit(7, 5, 1.3)], prior).map.error[1, :, 2] == pytest.approx(1.3 * prior.error[1, :, 2], rel=0.02)
+    sure, run = replace(prior, error=0.01 * prior.error), unit(7, 30, 1.0)
+    of_touch = np.random.default_rng(1).uniform(0.7, 1.3, 30)[run.touch]
+    scattered = replace(run, reference=run.reference * of_touch[:, None], reference_s=run.time_s)
+    fit, frames = adapt([scattered], sure), frames_of([scattered], 0.0)
+    off = np.abs(fit.map.predicted(frames) - frames.wrench)[:, 2]
+    assert 0.5 < (off < on_board(fit, frames).sigma[:, 2]).mean() < 0.9
 
 
 def test_the_tables_of_other_units_are_what_it_begins_with() -> None:
@@ -93,6 +112,7 @@ def test_a_fit_with_a_prior_begins_with_it(monkeypatch: pytest.MonkeyPatch) -> N
         (unit(7, 2, 1.0), "numbers 2 touches, and 3 are needed"),
         (unit(7, 5, 3.0), "is not like those"),
         (light(unit(7, 5, 1.0), 0.05), "fewer than 3 touches load Fz"),
+        (shuffled(unit(7, 8, 1.3)), "explains .* % of it: this unit is not like those"),
         (replace(unit(7, 5, 1.0), reference=np.zeros((40, 6))), "fewer than 3 touches load Fz"),
         (replace(unit(7, 5, 1.0), features=np.zeros((40, N + 3))), "give a calibration of the same board"),
         (replace(unit(7, 5, 1.0), features=np.random.default_rng(0).normal(0, 6000, (40, N))), "is not like those"),

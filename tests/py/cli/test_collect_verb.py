@@ -119,6 +119,16 @@ def test_plan_out_of_the_benchs_limits_is_refused_before_anything_is_opened(file
     assert "limits.top" in error
 
 
+def test_a_tip_that_the_benchs_file_describes_is_not_named_again(files: Files, run: Run, tmp_path):
+    rig, out = tmp_path / "rig.toml", tmp_path / "log.h5"
+    rig.write_text(f'{RIG}[tip]\nshape = "sphere"\ndiameter_mm = 6.0\n')
+    code, _, error = run("cal", "collect", "--board", files.folder, "--rig", rig, "--out", out, "--tip", "pen",
+                         "--depth-mm", 0.3)  # fmt: skip
+    assert code == 2
+    assert "the bench's file describes the tip in [tip]; leave the option out" in error
+    assert not out.exists()
+
+
 def test_a_tip_that_was_not_lifted_is_told(run: Run, tmp_path, monkeypatch):
     error = NoDeviceError("it was reset")
     error.add_note("THE TIP WAS NOT LIFTED: it was reset")

@@ -36,10 +36,10 @@ int main() {
   }
 }
 """
-PROJECT = """
+PROJECT = f"""
 cmake_minimum_required(VERSION 3.16)
 project(somebody LANGUAGES CXX)
-find_package(ruffini_client 0.1 REQUIRED)
+find_package(ruffini_client {ruffini.__version__} REQUIRED)
 add_executable(newtons main.cpp)
 target_link_libraries(newtons PRIVATE ruffini::client)
 """

@@ -58,7 +58,7 @@ def test_the_product_is_recognised() -> None:
 
 
 def test_none_and_several_are_said() -> None:
-    with pytest.raises(InputError, match="fits no board: name one with --board"):
+    with pytest.raises(InputError, match="fits no shipped board: give --board with your board"):
         the_one([], "it")
     with pytest.raises(InputError, match="it fits several boards: choose one with --board of a, b"):
         the_one([board_with("a", ""), board_with("b", "")], "it")

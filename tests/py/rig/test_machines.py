@@ -266,6 +266,16 @@ def test_a_five_axis_stage_turns_what_is_pressed_or_says_that_it_has_no_such_axi
         assert machine.turned == {"A": -30.0, "B": 20.0}
         with pytest.raises(RefusedError, match="the stop key"):
             stage.turn({"A": 0.0}, stopped)
+        if driver is Marlin:  # the guard also watches while the turn is waited for
+
+            before = len(machine.received)
+
+            def stopped_under_way() -> None:
+                if any("M400" in line for line in machine.received[before:]):
+                    raise RefusedError("the stop key")
+
+            with pytest.raises(RefusedError, match="the stop key"):
+                stage.turn({"A": 0.0}, stopped_under_way)
         with pytest.raises(NoDeviceError, match=r"has not turned its axis C.*check \[holder\] axes"):
             stage.turn({"C": 10.0})
         stage.close()

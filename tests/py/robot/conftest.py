@@ -9,6 +9,7 @@ from ruffini.calibrate import container
 from ruffini.estimators.operator.fit import make_operator
 from ruffini.estimators.operator.gauge import USUAL
 from ruffini.fem.operators import Noise
+from ruffini.sim.settings import load_twin
 
 
 @pytest.fixture(scope="session")
@@ -19,6 +20,25 @@ def calibrations():
         kind = kept(make_operator, board, method="support", noise=Noise(USUAL.sigma_m), n_touches=0)
         files[name] = container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}).data
     return files
+
+
+@pytest.fixture(scope="session", autouse=True)
+def solids():
+    """Worlds of the same pad share it, as the pads of one world do: it is frozen, and half a second to make."""
+    pytest.importorskip("mujoco", reason="extra [robot]")
+    from ruffini.robot.mechanics import PadSolid
+
+    make, made = PadSolid.of_board, {}
+
+    def of_board(board, *, stiffness=1.0):
+        key = (board.text, load_twin(board).model_dump_json(), stiffness)
+        if key not in made:
+            made[key] = make(board, stiffness=stiffness)
+        return made[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PadSolid, "of_board", staticmethod(of_board))
+        yield
 
 
 @pytest.fixture

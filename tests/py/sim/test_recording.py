@@ -4,12 +4,12 @@ import csv
 import dataclasses
 import errno
 import os
-import tomllib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import tomllib
 
 from ruffini.boards import find_board
 from ruffini.errors import InputError

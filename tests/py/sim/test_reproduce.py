@@ -3,10 +3,10 @@
 import hashlib
 import json
 import shutil
-import tomllib
 
 import numpy as np
 import pytest
+import tomllib
 
 from ruffini.boards import find_board
 from ruffini.errors import InputError

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
-import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+import tomllib
 
 TESTS = Path(__file__).parents[2]
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import fnmatch
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -27,6 +26,7 @@ import numpy.typing as npt
 from ruffini.errors import InputError
 from ruffini.estimators.wrench.log import FeatureRun
 from ruffini.files import dataset_values, readable
+from ruffini.older_python import tomllib
 from ruffini.rig.csv_log import read_rows
 from ruffini.rig.units import force_factor, torque_factor
 

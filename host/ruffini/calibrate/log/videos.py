@@ -1,11 +1,11 @@
-"""Videos of a pressed gel, beside each a CSV of the same name with the readings of a load cell, one row a frame.
+r"""Videos of a pressed gel, beside each a CSV of the same name with the readings of a load cell, one row a frame.
 
 What the load cell reads while rest is learned, in the first frames, is its zero. A small TOML file names the columns:
 
     force = "force_n"                 # of the load along the pad's normal, positive where it presses
     unit = "N"
     frame = "frame"                   # optional: number of the video's frame, from 0; else a row for each frame
-    recording = '(.*)_\\d+'            # optional: regular expression of the video's name; those with the same first
+    recording = '(.*)_\d+'             # optional: regular expression of the video's name; those with the same first
                                       # group are of one object, and left out together; else each video is alone
     largest_jump = 10.0               # optional, in the unit, above zero: readings of neighbouring frames that differ
                                       # by more are glitches, left out
@@ -21,7 +21,6 @@ What the load cell reads while rest is learned, in the first frames, is its zero
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +35,7 @@ from ruffini.errors import InputError
 from ruffini.estimators.wrench.log import LOST_OR_DARK, FeatureRun
 from ruffini.files import readable
 from ruffini.frames import read_frames
+from ruffini.older_python import tomllib
 from ruffini.rig.csv_log import read_table
 from ruffini.rig.units import force_factor
 

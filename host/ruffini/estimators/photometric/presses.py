@@ -12,7 +12,6 @@ about three contact radii, so "flat outside" is neither truth nor a label.
 from __future__ import annotations
 
 import csv
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from ruffini.estimators.photometric.find_discs import find_discs, is_monochrome
 from ruffini.estimators.photometric.pad_view import PadView, mm_per_px
 from ruffini.files import readable
 from ruffini.frames import image_files, read_image
+from ruffini.older_python import tomllib
 
 Array = npt.NDArray[np.float64]
 COLUMNS = ("image", "center_x_px", "center_y_px", "contact_radius_px")

@@ -9,7 +9,6 @@ A folder holds a folder for each press, at any depth, each with `frames/` and ei
 from __future__ import annotations
 
 import csv
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from ruffini.errors import InputError
 from ruffini.estimators.skin.openings import Openings
 from ruffini.files import readable
 from ruffini.frames import Frames
+from ruffini.older_python import tomllib
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]

@@ -58,7 +58,7 @@ class WrenchOptions:
     holdout: Annotated[
         str | None,
         typer.Option(
-            help="Judge on each recording, touch or block of time left out (default: recording; of a single one block)."
+            help="Left out to judge: each recording, touch or block of time (default: recording; of a single one block)"
         ),
     ] = None
     columns: ColumnsOption = None
@@ -71,7 +71,7 @@ class WrenchOptions:
     recording: RecordingOption = None
     mechanics: Annotated[
         bool,
-        typer.Option("--mechanics/--no-mechanics", " /--no-prior", help="Markers lean on the pad's mechanics."),
+        typer.Option("--mechanics/--no-mechanics", help="Of boards with markers: use the pad's mechanics."),
     ] = True
     nonlinear: Annotated[
         bool, typer.Option("--nonlinear/--linear", help="Of many features: try kernels, kept where they err less.")

@@ -137,7 +137,8 @@ def _runs_below(path: Path) -> list[Path]:
     runs = sorted({folder.parent for folder in path.glob("**/frames")})
     if not runs:
         raise InputError(
-            f"{path} holds no recording: give frames with wrench.csv, or runs of ruffini reproduce --only recordings"
+            f"{path} holds no recording: give frames with wrench.csv, videos with --only wrench --videos FILE, or runs "
+            "of ruffini reproduce --only recordings"
         )
     return runs
 
@@ -167,7 +168,7 @@ def _of_frames(path: Path, board: Board) -> FeatureRun:
                 rows.append(pipeline.features())
                 good.append(not frame.flags & LOST_OR_DARK)
     if not any(good):
-        raise InputError(f"{path}: no frame shows all targets or markers: is it this board?")
+        raise InputError(f"{path}: all frames lack targets or markers, are dark or overexposed: is it this board?")
     period_s = 1000.0 / board.camera.rate_mhz
     return FeatureRun(
         f"{path.parent.name}/{path.name}", np.array(kept) * period_s, np.array(rows, dtype=np.float64), np.array(good),

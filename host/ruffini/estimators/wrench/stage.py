@@ -193,7 +193,7 @@ class WrenchEstimator(Estimator):
 
     def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
         axes = [(name, axis) for name, axis in report.get("axes", {}).items() if axis["full_scale"]]
-        what = "of full scale: RMS left out"
+        what = "of the largest force: RMS error on what was left out"
         return [
             part(f"wrench {name}", axis["rmse"] / abs(axis["full_scale"]), MAX_WRENCH_ERROR, what)
             for name, axis in axes

@@ -127,7 +127,7 @@ def runs_of(settings: ReproduceSettings, *, quick: bool = False) -> list[Run]:
 
 
 def _seed(settings: ReproduceSettings, key: str) -> int:
-    return int.from_bytes(hashlib.sha256(f"{settings.seed}/{key}".encode()).digest()[:4]) >> 1
+    return int.from_bytes(hashlib.sha256(f"{settings.seed}/{key}".encode()).digest()[:4], "big") >> 1
 
 
 def _product(s: PressSet) -> list[dict[str, object]]:

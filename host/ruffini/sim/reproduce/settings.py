@@ -25,7 +25,6 @@ quick = {radius_um = [3000]} # these lists instead, in the quick subset; {} = as
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -36,6 +35,7 @@ from pydantic import Field, ValidationError, model_validator
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
 from ruffini.files import readable
+from ruffini.older_python import tomllib
 
 PAPER_BENCH = "reproduce.toml"
 Um = Annotated[int, Field(ge=-200_000, le=200_000)]

@@ -1,6 +1,6 @@
 // Decodes the bytes of a sensor's line to typed messages. Any input is safe: it cannot crash the decoder, and damaged
-// data is counted. Limits: 4 million values a grid, 64 contacts, 16 sensors. Memory stays below 100 MB if feed() takes
-// some kB at a time, or a callback.
+// data is counted. Limits: 4 million values a grid, 64 contacts, 16 sensors. Memory stays below 100 MB if feed() is given a
+// callback, or some kB at a time.
 #pragma once
 
 #include <array>

@@ -22,12 +22,13 @@ class Encoder {
   Bytes ask_hello();
   Bytes ask_status();
   Bytes ask_time(uint64_t token);
-  // Subscribes to every n-th message of each type, e.g. {{Type::kWrench, 1}, {Type::kField, 4}}; at most 16 types.
+  // Subscribes to every n-th frame's message of each type, e.g. {{Type::kWrench, 1}, {Type::kField, 4}}; at most 16 types:
+  // more get no Reply.
   // STATUS comes once a second for any n above 0.
   // Replaces the previous subscription.
   Bytes subscribe(const std::vector<std::pair<Type, uint32_t>>& every);
-  // Learns the rest image of the untouched pad again; n_frames 0: `n_rest_frames` of the board. The reply is REFUSED if the pad
-  // is touched, unless even_if_touched is set.
+  // Learns the rest image of the untouched pad again from n_frames, at most 256; 0: as many as board.toml says. The reply
+  // is REFUSED if the pad is touched, unless even_if_touched is set. OK means that learning begins: README.md.
   Bytes zero(uint32_t n_frames = 0, bool even_if_touched = false, uint8_t sensor = kDevice);
 
   // Id of the last subscribe() or zero(); the Reply repeats it. If no Reply arrives within 0.5 s, write the same bytes

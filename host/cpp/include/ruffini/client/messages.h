@@ -85,7 +85,7 @@ enum ReplyCode : uint32_t {
 
 struct Stamp {
   uint64_t capture_us = 0;  // exposure midpoint, monotonic clock of the device
-  uint64_t frame = 0;       // the camera's number; gaps mean dropped frames
+  uint64_t frame = 0;       // the camera's number; with a subscription to each frame gaps mean dropped ones
   uint32_t flags = 0;       // mask of Flag
   uint32_t calibration_id = 0;
 };
@@ -98,9 +98,12 @@ struct Measured {
 
 struct Wrench {
   Stamp stamp;
-  std::array<Measured, 3> force_n;     // x, y, z
+  // x, y, z. Of a skin z is the sum of its touches' forces along their local normals, no component: use
+  // SkinTouch::normal_force_n.
+  std::array<Measured, 3> force_n;
   std::array<Measured, 3> torque_n_m;  // about the origin
-  // Covariance of (fx, fy, fz, tx, ty, tz), N and N m; nullopt if it is not VALID: absent does not mean zero.
+  // Covariance of (fx, fy, fz, tx, ty, tz), N and N m; nullopt if it is not VALID: absent does not mean zero. Entries of
+  // components that are not VALID mean nothing, e.g. of a fingertip all but that of fz.
   std::optional<std::array<std::array<double, 6>, 6>> covariance;
 };
 
@@ -154,6 +157,7 @@ struct Residual {
   [[nodiscard]] std::array<double, 3> sigmas_at(size_t node) const;
 };
 
+// kIncipient: a part of the contact's area slips.
 enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
 
 // Parts of a contact that only some boards report. In SkinTouch and ToolTouch all numbers are NaN unless the contact's
@@ -169,7 +173,7 @@ struct SkinTouch {
 
 // A tool that came down along its own axis on a fingertip.
 struct ToolTouch {
-  std::array<double, 2> place_m{};           // of the tool's axis, in the tool's own axes
+  std::array<double, 2> place_m{};           // offset of the tool's axis from the fingertip's, in the tool's axes
   double way_m = kNaN;                       // travel of the tool since it touched
   double roll_rad = kNaN, pitch_rad = kNaN;  // of the fingertip under the tool, about x, then about y
   std::array<double, 3> normal_force_n{};    // along the tool's axis, in the camera's axes
@@ -207,9 +211,9 @@ struct FlowParts {
 struct Contact {
   uint32_t id = 0;                   // rank in this frame; of a skin it stays with the touch
   double area_m2 = 0.0;              // as sent, whatever the validity; of skins and fingertips 0: not known
-  std::array<double, 2> center_m{};  // as sent, whatever the validity
-  std::array<Measured, 3> force_n;   // x, y, z
-  Measured peak_depth_m;
+  std::array<double, 2> center_m{};  // centre of pressure, as sent, whatever the validity; of a skin on the unrolled skin
+  std::array<Measured, 3> force_n;   // x, y, z; of a skin z along the local normal
+  Measured peak_depth_m;             // lowest u_z, negative where pressed
   SlipState slip_state = SlipState::kNotMeasured;
   // NaN if not measured or not known yet.
   double shear_ratio = kNaN;     // |F_t| / |F_n|
