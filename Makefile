@@ -80,7 +80,7 @@ readmes: build  ## the commands of all texts that need no board and take minutes
 	@.ci/setup browser
 	@.ci/setup extras
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -rs $(EXTRA_TESTS)
-	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -vv --durations 0 tests/e2e/test_long_commands.py tests/e2e/test_auto_boards.py \
+	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -vv --durations 0 tests/e2e/test_long_commands.py tests/e2e/test_auto_boards.py tests/e2e/test_bench_file.py \
 	  tests/e2e/test_demo_boards.py tests/e2e/test_readme_blocks.py tests/e2e/test_view_calibration.py
 
 lint: lint-docs lint-python lint-page lint-cpp werror  ## spelling, formatters, linters, types, and a build where warnings are errors

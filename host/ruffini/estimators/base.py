@@ -19,6 +19,8 @@ from ruffini.estimators.command import Command
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.task import Task, Turned
 
+TIMES_RMS = 3.0  # exceeded by three in a thousand of normally distributed errors
+
 
 class Report(NamedTuple):
     """A calibration judged on logs."""
@@ -94,8 +96,13 @@ class Estimator:
         raise NotImplementedError
 
     def allowed_n(self, report: dict[str, Any], force_n: float) -> float | None:
-        """Largest error of a force (N) that its fit's report lets `cal check` expect; None: not stated."""
-        return None
+        """Largest error of a force (N) that its fit's report lets `cal check` expect; None: not stated.
+
+        It grows with the force, above what it is where the force is faint.
+        """
+        if "force_rms_percent" not in report:
+            return None
+        return TIMES_RMS * max(float(report["force_rms_percent"]) / 100 * force_n, float(report["light_force_rms_n"]))
 
     def need(self, file: CalibrationFile, where: Path) -> None:
         """Raises InputError if a file has no table of this estimator."""

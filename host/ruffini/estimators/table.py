@@ -31,8 +31,8 @@ ESTIMATORS: tuple[Estimator, ...] = (
     NOISE,
     OPERATOR,
     THRESHOLD,
-    WRENCH,
     CONTACT,
+    WRENCH,
     SKIN,
     FINGERTIP,
 )

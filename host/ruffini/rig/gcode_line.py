@@ -1,13 +1,18 @@
-"""Lines to and from a machine on a serial port."""
+"""Lines to and from a machine on a serial port, and what stages that speak G-code have in common."""
 
 from __future__ import annotations
 
 import contextlib
 import time
 from collections import deque
+from collections.abc import Iterator
 
-from ruffini.errors import NoDeviceError
+from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
+from ruffini.rig.stage import Rotary
 
+BAUD = 115200
+ANSWER_S, HOME_S = 15.0, 120.0  # a long move of a machine that does not say "busy" answers late
+TURN_S = 60.0  # through 120 degrees on both axes, slowly
 POLL_S = 0.005
 MAX_LINE_BYTES = 512
 
@@ -63,3 +68,43 @@ class GcodeLine:
         """Give the port back."""
         with contextlib.suppress(OSError):
             self._serial.close()
+
+
+class GcodeMachine:
+    """One machine; raises NoDeviceError where nothing answers as its firmware does."""
+
+    firmware: str
+
+    def __init__(self, port: str, *, baud: int = BAUD, rotary: Rotary | None = None) -> None:
+        self.name = f"{self.firmware} machine on {port}"
+        self._rotary, self._is_homed = rotary, False
+        self._line = GcodeLine(port, baud)
+        try:
+            self._greet()
+        except BaseException:
+            self._line.close()
+            raise
+
+    def _greet(self) -> None:
+        raise NotImplementedError
+
+    def halt(self) -> None:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        self._line.close()
+
+    def _need_homed(self) -> None:
+        if not self._is_homed:
+            raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
+
+    @contextlib.contextmanager
+    def _halting(self) -> Iterator[None]:
+        """A context that the guard, or Ctrl-C, leaves with the machine standing still, if it knows where it is."""
+        try:
+            yield
+        except BaseException:
+            if self._is_homed:
+                with contextlib.suppress(RuffiniError):
+                    self.halt()
+            raise

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 
-from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
-from ruffini.rig.gcode_line import GcodeLine
-from ruffini.rig.stage import Guard, Place, Rotary, check_turned, moves, no_guard, turning
+from ruffini.errors import NoDeviceError, RefusedError
+from ruffini.rig.gcode_line import ANSWER_S, HOME_S, TURN_S, GcodeMachine
+from ruffini.rig.stage import Guard, Place, check_turned, moves, no_guard, turning
 
-BAUD = 115200
-START_S, ANSWER_S, HOME_S, REPORT_S, HOLD_S = 3.0, 15.0, 120.0, 0.02, 2.0
+START_S, REPORT_S, HOLD_S = 3.0, 0.02, 2.0
 ARRIVED_M = 5e-6
 REPORT = re.compile(r"<(\w+(?::\d+)?)\|MPos:(-?[\d.]+(?:,-?[\d.]+){2,})")
 AXES = "XYZABCUVW"  # in the order of MPos
@@ -25,25 +23,17 @@ ALARMS = {
     "9": "no limit switch was found while it homed",
 }
 ERRORS = {"9": "it is locked by an alarm", "15": "the jog leads out of its own soft limits", "22": "no speed was given"}
-TURN_S = 60.0  # through 120 degrees on both axes, slowly
 
 
-class Grbl:
-    """One machine; raises NoDeviceError where nothing answers as GRBL does."""
+class Grbl(GcodeMachine):
+    """A machine that runs it."""
 
-    def __init__(
-        self, port: str, *, baud: int = BAUD, name: str = "GRBL machine", rotary: Rotary | None = None
-    ) -> None:
-        self.name = f"{name} on {port}"
-        self._rotary = rotary
-        self._aside_m = 0.0  # of the machine's own x axis from its place above a tube
-        self._line = GcodeLine(port, baud)
-        self._is_homed, self._axes = False, list[float]()  # as reported last, mm and degrees
-        try:
-            self._reset()
-        except BaseException:
-            self._line.close()
-            raise
+    firmware = "GRBL"
+    _aside_m = 0.0  # of the machine's own x axis from its place above a tube
+    _axes: Sequence[float] = ()  # as reported last, mm and degrees
+
+    def _greet(self) -> None:
+        self._reset()
 
     def _reset(self) -> None:
         """Empty its buffer; where it stands still its position stays known."""
@@ -56,9 +46,6 @@ class Grbl:
                 return
         raise NoDeviceError(f"{self.name} does not answer a reset: is it switched on, and does it run GRBL?")
 
-    def close(self) -> None:
-        self._line.close()
-
     def home(self) -> None:
         self._command("$H", HOME_S)
         for text in ("G21", "G90"):
@@ -69,8 +56,7 @@ class Grbl:
         return self._report()[1]
 
     def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
-        if not self._is_homed:
-            raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
+        self._need_homed()
         distance = self.position().distance(place) + self._aside_m
         with self._halting():
             for words in moves(place, speed_m_s, self._rotary):
@@ -85,17 +71,6 @@ class Grbl:
             self._command(f"G53 G1 {words}", TURN_S, guard)
             self._arrive(words, TURN_S, guard)
         check_turned(self.name, degrees, dict(zip(AXES, self._axes, strict=False)))
-
-    @contextlib.contextmanager
-    def _halting(self) -> Iterator[None]:
-        """A context that the guard, or Ctrl-C, leaves with the machine standing still, if it knows where it is."""
-        try:
-            yield
-        except BaseException:
-            if self._is_homed:
-                with contextlib.suppress(RuffiniError):
-                    self.halt()
-            raise
 
     def _arrive(self, there: str, timeout_s: float, guard: Guard) -> Place:
         """Where it stands after a move to `there`."""

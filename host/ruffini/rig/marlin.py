@@ -2,51 +2,36 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
-from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
-from ruffini.rig.gcode_line import GcodeLine
+from ruffini.errors import NoDeviceError, RefusedError
+from ruffini.rig.gcode_line import ANSWER_S, HOME_S, TURN_S, GcodeMachine
 from ruffini.rig.stage import Guard, Place, Rotary, check_turned, moves, no_guard, turning
 
-BAUD = 115200
-START_S, ANSWER_S, HOME_S, HALT_S = 5.0, 15.0, 120.0, 10.0  # a long move without "busy" answers late
+START_S, HALT_S = 5.0, 10.0
 MAX_RESENDS = 5
 POSITION = re.compile(r"X:(-?[\d.]+) Y:(-?[\d.]+) Z:(-?[\d.]+)")
 TURNED = re.compile(r" ([ABCUVW]):(-?[\d.]+)")
 RESEND = re.compile(r"(?:Resend|rs):?\s*N?(\d+)", re.IGNORECASE)
-TURN_S = 60.0  # through 120 degrees on both axes, slowly
 
 
-class Marlin:
-    """One machine; raises NoDeviceError where nothing answers as Marlin does."""
+class Marlin(GcodeMachine):
+    """A machine that runs it."""
 
-    def __init__(
-        self, port: str, *, baud: int = BAUD, name: str = "Marlin machine", rotary: Rotary | None = None
-    ) -> None:
-        self.name = f"{name} on {port}"
-        self._rotary = rotary
-        self._line = GcodeLine(port, baud)
-        self._number = 0
-        self._is_homed = False
-        try:
-            self._line.drain(0.2)  # its greeting, where opening the port reset it
-            self._begin()
-        except BaseException:
-            self._line.close()
-            raise
+    firmware = "Marlin"
+
+    def _greet(self) -> None:
+        self._line.drain(0.2)  # its greeting, where opening the port reset it
+        self._begin()
 
     def _begin(self) -> None:
         self._number = -1
         self._command("M110 N0", START_S)
         self._command("G21", START_S)  # millimetres
         self._command("G90", START_S)  # absolute places
-
-    def close(self) -> None:
-        self._line.close()
 
     def home(self) -> None:
         self._command("G28", HOME_S)
@@ -67,8 +52,7 @@ class Marlin:
         return rotary.way_m(float(turned[1]))
 
     def move(self, place: Place, speed_m_s: float, guard: Guard = no_guard) -> None:
-        if not self._is_homed:
-            raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
+        self._need_homed()
         with self._halting():
             for words in moves(place, speed_m_s, self._rotary):
                 self._command(f"G1 {words}", ANSWER_S, guard)
@@ -80,17 +64,6 @@ class Marlin:
             self._command("M400", TURN_S, guard)
         reported = TURNED.findall(" ".join(self._command("M114", ANSWER_S)))
         check_turned(self.name, degrees, {axis: float(angle) for axis, angle in reported})
-
-    @contextlib.contextmanager
-    def _halting(self) -> Iterator[None]:
-        """A context that the guard, or Ctrl-C, leaves with the machine standing still, if it knows where it is."""
-        try:
-            yield
-        except BaseException:
-            if self._is_homed:
-                with contextlib.suppress(RuffiniError):
-                    self.halt()
-            raise
 
     def halt(self) -> None:
         """At once with Marlin's EMERGENCY_PARSER, else at the end of the move: so moves near the pad are short."""

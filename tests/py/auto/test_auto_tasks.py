@@ -254,6 +254,16 @@ def test_cal_report_judges_a_wrench_on_its_log(
     assert few["error_percent"] > 5  # five loads do not tell six axes
 
 
+def test_a_force_is_judged_along_the_axes_that_the_board_measures():
+    true = np.array([[0.3, -0.4, -2.0, 0, 0, 0], [0.0, 0.5, -1.0, 0, 0, 0]])
+    said = true * [1.1, 1.1, np.nan, 1, 1, 1]
+    blank = np.full((2, 2), np.nan)
+    figures = FORCES.figures([Word(said, true, blank, NO_SHORE)])
+    assert figures["error"] == pytest.approx(50)  # mN, a tenth of 0.5 N
+    assert figures["largest_force_n"] == pytest.approx(0.5)
+    assert np.isnan(FORCES.figures([Word(np.full((2, 6), np.nan), true, blank, NO_SHORE)])["error"])
+
+
 def test_unit_zero_is_as_its_board_file_says():
     assert fleet_error(FTOUCH, 0).modulus == 1.0
     assert fleet_error(FTOUCH, 1).modulus != 1.0

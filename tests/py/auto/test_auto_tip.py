@@ -212,6 +212,10 @@ def test_a_report_judges_presses_that_were_not_fitted_on_the_boards_integers(dom
     made.write_page(tmp_path / "report.html")
     assert "3 frames of 1 presses" in (tmp_path / "report.html").read_text()
     assert reported_by(file) is FINGERTIP
+    assert made.tree["fingertip"]["against"] == "the twin's truth"
+    (press / "run.json").unlink()  # as a bench's
+    made = FINGERTIP.report(BOARD, file, [tmp_path / "presses"])
+    assert (made.tree["log"]["simulated"], made.tree["fingertip"]["against"]) == (False, "the reference")
 
 
 @pytest.mark.parametrize(("eyes", "is_seen"), [((0,), True), ((1,), False), ((0, 1), False)])

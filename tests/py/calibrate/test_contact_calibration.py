@@ -11,14 +11,19 @@ import numpy.typing as npt
 import pytest
 
 from ruffini.boards import Board, find_board
+from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.errors import InputError
-from ruffini.estimators.contact_model.fit import Log, fit_model, inputs_of, tell, true_sizes
+from ruffini.estimators.contact_model.fit import Log as Fitted
+from ruffini.estimators.contact_model.fit import fit_model, inputs_of, tell, true_sizes
 from ruffini.estimators.contact_model.log import Press, read_presses
 from ruffini.estimators.contact_model.perceptron import Perceptron, run_tables, tanh_table
 from ruffini.estimators.contact_model.profile import radial_um
+from ruffini.estimators.contact_model.stage import CONTACT
 from ruffini.estimators.contact_model.tables import fit_contact, tables
 from ruffini.estimators.contact_model.wrench import fit_contact_wrench, moment_per_flow, symmetric
+from ruffini.estimators.table import reported_by
 from ruffini.estimators.wrench.log import features_of
+from ruffini.rig.log_file import Log, TouchRecord, write_log
 
 Array = npt.NDArray[np.float64]
 CROSSTALK = np.array([0.02, 0.03, 0.0, 1e-3, -2e-3, 1.5e-3])  # of the bench: N/N and N m/N
@@ -109,7 +114,7 @@ def test_each_axis_takes_the_part_of_a_flow_that_reflections_change_like_it(boar
 
 
 def test_depth_kind_and_hardness_of_objects_that_were_not_fitted(board: Board, presses: list[Press]) -> None:
-    model = fit_model(board, Log.of(board, presses), n_seeds=1)
+    model = fit_model(board, Fitted.of(board, presses), n_seeds=1)
     for shape, shore in (("flat", 35.0), ("flat", 65.0), ("sphere", 35.0), ("sphere", 65.0)):
         new = press(board, np.random.default_rng(5), shape, 6.0, shore)
         told = tell(new, model)
@@ -136,7 +141,7 @@ def test_a_load_cell_teaches_the_normal_force_alone(
 
 
 def test_tables_say_what_the_fit_says(
-    board: Board, presses: list[Press], rings: list[Press], monkeypatch: pytest.MonkeyPatch
+    board: Board, presses: list[Press], rings: list[Press], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ruffini.estimators.contact_model.tables.MOST_FOLDS", 2)
     monkeypatch.setattr("ruffini.estimators.contact_model.tables.FAILS_FOLDS", 2)
@@ -152,6 +157,37 @@ def test_tables_say_what_the_fit_says(
     assert all(tell(p, fit.model).fails < fit.most_failing for p in presses)
     assert 0 < int(metadata["contact_model.most_failing_q12"]) < 1 << 12
     assert int(metadata["contact_model.depth_sigma_um"]) > 1
+    errors = [np.concatenate(left.wrench)[:, 2] for left in (fit.by_size, fit.by_shape)]
+    loads = [np.abs(np.concatenate([p.force[:, 2] for p in left.presses])) for left in (fit.by_size, fit.by_shape)]
+    for off, load in zip(errors, loads, strict=True):  # `cal check` lets a weight be off by three times these
+        is_light = load < 0.15 * load.max()
+        assert np.sqrt(np.mean(off[is_light] ** 2)) <= report["light_force_rms_n"] * (1 + 1e-9)
+        assert np.sqrt(np.mean((off / load)[~is_light] ** 2)) <= report["force_rms_percent"] / 100 * (1 + 1e-9)
+    allowed = CONTACT.allowed_n(report, 40.0)
+    assert allowed == pytest.approx(3 * 0.4 * report["force_rms_percent"])
+    judge_straight_presses(board, pack(tensors, {**base_metadata(board), **metadata}), presses[:2], tmp_path)
+
+
+def judge_straight_presses(board: Board, file: CalibrationFile, presses: list[Press], folder: Path) -> None:
+    """A report on a log that hardly loads the other axes: the normal force alone is judged."""
+    touches = []
+    for number, one in enumerate(presses):
+        time_s = 10.0 * number + 0.1 * np.arange(len(one.flow))
+        moved = one.flow.reshape(len(time_s), -1, 2).astype(np.float32)
+        touches.append(TouchRecord({"session": "1"}, {
+            "stream_s": time_s, "stream_host_s": time_s, "stream_frame": np.arange(len(time_s)),
+            "stream_flags": np.zeros(len(time_s), int), "stream_wrench": np.full((len(time_s), 6), np.nan),
+            "stream_validity": np.zeros((len(time_s), 6), int), "reference_s": time_s,
+            "reference_wrench": one.force * [0.01, 0.01, 1, 0, 0, 0.01], "stage_s": time_s,
+            "stage_place": np.zeros((len(time_s), 3)), "marker_s": time_s, "marker_displacement": moved,
+        }))  # fmt: skip
+    write_log(folder / "log.h5", Log({"board": board.name}, touches))
+    assert reported_by(file) is CONTACT
+    made = CONTACT.report(board, file, [folder / "log.h5"])
+    assert [(gate.name, gate.ok) for gate in made.gates] == [("wrench Fz", True)]
+    assert made.tree["axes"]["Fx"]["rmse"] > 0.1 * made.tree["axes"]["Fx"]["largest"]
+    made.write_page(folder / "page.html")
+    assert "Passes its gates" in (folder / "page.html").read_text()
 
 
 def test_depth_of_a_log_without_a_simulations_truth(board: Board) -> None:
@@ -212,4 +248,4 @@ def test_a_log_without_a_bench_or_without_balls_is_refused(board: Board, presses
     with pytest.raises(InputError, match="no run of a bench"):
         read_presses([tmp_path], board)
     with pytest.raises(InputError, match="balls"):
-        fit_model(board, Log.of(board, [p for p in presses if not p.is_hertzian]))
+        fit_model(board, Fitted.of(board, [p for p in presses if not p.is_hertzian]))

@@ -54,6 +54,15 @@ def test_what_is_allowed_is_what_the_report_said(board: Board) -> None:
     assert not Checked("x", 1.0, 0.92, 0.07, "N").ok
 
 
+def test_what_a_weight_on_a_fingertip_may_be_off_is_three_times_the_rms_of_its_presses_left_out(board: Board) -> None:
+    report = {"stages": {"fingertip": {"mean_error_of_presses_left_out": {"both": {"force_n": 0.02}}}}}
+    file = container.pack(
+        {"fingertip.rest": np.ones(1, np.int32)},
+        {**container.base_metadata(board), "kinds": "fingertip", "residuals": json.dumps(report)},
+    )
+    assert allowed_n(file, 0.5) == pytest.approx(0.075)
+
+
 class Person:
     """Puts the weight there when asked, and takes it away."""
 

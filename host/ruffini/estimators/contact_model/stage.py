@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import MAX_WRENCH_ERROR, MIN_PRESSES, Gate, at_least, at_most, part
-from ruffini.estimators.base import Estimator
+from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.contact_model.command import COMMAND
-from ruffini.estimators.contact_model.task import TASK
+from ruffini.estimators.contact_model.task import MAX_SHORE_A, TASK
+from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.wrench.log import features_of
+from ruffini.estimators.wrench.report import wrench_report
 from ruffini.tables import aligned
 
 MAX_GEL_MM = 0.2  # gel depth: the paper's own uncertainty of it
-MAX_SHORE_A = 16.0  # hardness: twice what the paper has, since few presses begin with more
 MIN_KIND = 0.8  # of presses whose kind, planar or Hertzian, is told right
 
 
@@ -27,6 +30,7 @@ class ContactModel(Estimator):
     name = COMMAND.name
     command = COMMAND
     kinds = ("contact_model", "contact_depth", "wrench")
+    is_reported = True
     needed = ("contact_model", "wrench")
     task = TASK
 
@@ -72,6 +76,13 @@ class ContactModel(Estimator):
             at_most("contact hardness", left["shore_a"], MAX_SHORE_A, "Shore A, RMS of sizes left out"),
             at_least("contact kind", left["kind_right"], MIN_KIND, "of the presses left out told right"),
         ]
+
+    def report(
+        self, board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None,
+        fleet: Prior | None = None, progress: Progress = lambda _: None,
+    ) -> Report:  # fmt: skip
+        """Judge its wrench by the normal force: straight presses hardly load the other axes."""
+        return wrench_report(board, file, paths, previous, judged=("Fz",))
 
 
 def _tables_of(report: dict[str, Any]) -> str:

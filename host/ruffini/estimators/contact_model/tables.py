@@ -109,8 +109,22 @@ class ContactFit:
             "reference_crosstalk": {"x": self.model.wrench.crosstalk[0], "y": self.model.wrench.crosstalk[1]},
             "refused": self.refused,
             "depth_map": self.depth_map.report() if self.depth_map else None,
-            "most_failing": self.most_failing, "n_presses": len(self.by_size.presses),
+            "most_failing": self.most_failing, "n_presses": len(self.by_size.presses), **self._normal_errors(),
         }  # fmt: skip
+
+    def _normal_errors(self) -> dict[str, float]:
+        """RMS errors of the normal force on sizes or on shapes left out, whichever errs more, as a skin reports them.
+
+        N of light frames, whose error does not grow with the load; of the others per cent of the load.
+        """
+        rows = []
+        for left in (self.by_size, self.by_shape):
+            off = np.concatenate(left.wrench)[:, 2]
+            load = np.abs(np.concatenate([p.force[p.is_good, 2] for p in left.presses]))
+            is_light = load < LIGHT * load.max()
+            rows.append((_rms(off[is_light]), 100 * _rms(off[~is_light] / load[~is_light])))
+        light_n, percent = np.nanmax(rows, axis=0)
+        return {"light_force_rms_n": float(light_n), "force_rms_percent": float(percent)}
 
 
 def fit_contact(board: Board, presses: list[Press], progress: Progress) -> ContactFit:

@@ -19,7 +19,8 @@ from ruffini.rig.program import Item, Span, plan, span_of
 
 Array = npt.NDArray[np.float64]
 
-LEAST_SIZES, LEAST_HARDNESSES = 2, 3  # each size and each flat shape is judged by a fit without it
+LEAST_SHAPES, LEAST_HARDNESSES = 2, 3  # each flat shape is judged by a fit without it
+MAX_SHORE_A = 16.0  # RMS of hardness on sizes left out: twice what the paper has, since few presses begin with more
 TOOL_PLACE_M = (2.2e-3, 1.8e-3)  # from the middle: the texture beside the contact is what tells
 
 
@@ -59,20 +60,27 @@ def indents(span: Span, n: int, seed: int) -> Sequence[Item]:
 
 
 def check(span: Span) -> None:
-    """Raises InputError if no size and no shape could be left out of a fit to a bench's indenters."""
+    """Raises InputError if a fit to a bench's indenters without one of the sizes or shapes could not tell it."""
     if span.tilts_deg:
         raise InputError("a contact model is fitted to straight presses: take [holder] out of the bench's file")
-    tools = span.tools
-    faces = [tool for tool in tools if tool.shape in FACES]
-    balls = {tool.radius_m for tool in tools if tool.shape in HERTZIAN}
-    n_hard = len({tool.shore_a for tool in tools if tool.shore_a >= LEAST_SHORE})
-    few = min(len({tool.shape for tool in faces}), len({tool.radius_m for tool in faces}), len(balls))
-    if few < LEAST_SIZES or n_hard < LEAST_HARDNESSES:
+    tools = [tool for tool in span.tools if tool.shore_a >= LEAST_SHORE]
+    faces, balls = ([tool for tool in tools if tool.shape in shapes] for shapes in (FACES, HERTZIAN))
+    n_hard = len({tool.shore_a for tool in tools})
+    if len({tool.shape for tool in faces}) < LEAST_SHAPES or not balls or n_hard < LEAST_HARDNESSES:
         raise InputError(
-            f"a contact model is fitted to flat faces of {LEAST_SIZES} shapes ({', '.join(FACES)}) and {LEAST_SIZES} "
-            f"sizes, balls of {LEAST_SIZES} sizes, and {LEAST_HARDNESSES} hardnesses of Shore A {LEAST_SHORE:g} or "
-            "more, at least: list more [[indenters]] in the bench's file"
+            f"a contact model is fitted to flat faces of {LEAST_SHAPES} shapes ({', '.join(FACES)}), balls, and "
+            f"{LEAST_HARDNESSES} hardnesses of Shore A {LEAST_SHORE:g} or more, at least: list more [[indenters]] in "
+            "the bench's file"
         )
+    for kind, ones in (("flat faces", faces), ("balls", balls)):
+        for one in ones:  # a fit finds no hardness far beyond those that it has
+            others = {tool.shore_a for tool in ones if tool.radius_m != one.radius_m}
+            if len(others) < 2 or not min(others) - MAX_SHORE_A <= one.shore_a <= max(others) + MAX_SHORE_A:
+                raise InputError(
+                    f"the hardness of {one.told()} is judged by a fit without its size: list {kind} of other sizes and "
+                    f"two hardnesses, Shore A {one.shore_a + MAX_SHORE_A:.0f} or softer and "
+                    f"{one.shore_a - MAX_SHORE_A:.0f} or harder among them, as [[indenters]]"
+                )
 
 
 def _about_the_middle(board: Board, depth_m: float, shear_m: float, reach_m: tuple[float, float] | None) -> Span:

@@ -36,9 +36,10 @@ class Judged(NamedTuple):
     said: Array
     true: Array
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self, *, is_simulated: bool) -> dict[str, Any]:
         """Means of absolute errors, of how many frames."""
-        return figures_of(self.said, self.true, len(np.unique(self.press)))
+        figures = figures_of(self.said, self.true, len(np.unique(self.press)))
+        return figures if is_simulated else {**figures, "against": "the reference"}
 
 
 def full_n(board: Board) -> float:
@@ -93,10 +94,11 @@ def tip_report_of(
     """Everything but the gates; raises as `judged_presses`."""
     part, before = 1.0 if previous is None else 0.5, None
     with press_roots(paths, board) as roots:
+        is_simulated = any((folder / "run.json").is_file() for root in roots for folder in press_folders(root))
         rows = judged_presses(board, file, roots, lambda done: progress(part * done))
         if previous is not None:
-            before = judged_presses(board, previous, roots, lambda done: progress(part + (1 - part) * done)).figures()
-        is_simulated = any((folder / "run.json").is_file() for root in roots for folder in press_folders(root))
+            earlier = judged_presses(board, previous, roots, lambda done: progress(part + (1 - part) * done))
+            before = earlier.figures(is_simulated=is_simulated)
     sources = {path.name: file_sha256(path) for path in paths}
     ranges = {name: rows.true[:, column] for name, column in NAMES.items()}
     return {
@@ -104,7 +106,7 @@ def tip_report_of(
         "log": {"files": sources, "touches": len(np.unique(rows.press)), "frames": len(rows.press),
                 "in_the_fit": all(sha in file.metadata.get("residuals", "") for sha in sources.values()),
                 "simulated": is_simulated},
-        "fingertip": rows.figures(), "previous": before, "accuracy_of_presses": [],
+        "fingertip": rows.figures(is_simulated=is_simulated), "previous": before, "accuracy_of_presses": [],
         "valid_for": {**{name: [float(v.min()), float(v.max())] for name, v in ranges.items()},
                       "temperature_c": celsius_ranges([])},
     }, rows  # fmt: skip

@@ -10,7 +10,7 @@ from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import MIN_PRESSES, Gate, at_least, at_most, failed, gates_in, part
 from ruffini.errors import InputError
-from ruffini.estimators.base import Estimator, Report
+from ruffini.estimators.base import TIMES_RMS, Estimator, Report
 from ruffini.estimators.fingertip.command import COMMAND
 from ruffini.estimators.fingertip.fit import fit_fingertip
 from ruffini.estimators.fingertip.log import press_roots
@@ -21,6 +21,7 @@ from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.task import Turned
 
 MAX_FORCE, MAX_WAY_MM, MAX_TILT_DEG = 0.05, 0.1, 5.0  # of presses left out, mean: of full scale; the 0.1 mm
+RMS_OF_MEAN = 1.25  # of normally distributed errors, over the mean of their sizes
 
 
 class Fingertip(Estimator):
@@ -67,6 +68,10 @@ class Fingertip(Estimator):
             at_most("way", left["way_mm"], MAX_WAY_MM, "mm, mean of presses left out"),
             at_most("tilt", tilt_deg, MAX_TILT_DEG, "degrees, mean of presses left out"),
         ]
+
+    def allowed_n(self, report: dict[str, Any], force_n: float) -> float | None:
+        left = report.get("mean_error_of_presses_left_out")
+        return None if left is None else TIMES_RMS * RMS_OF_MEAN * float(left["both"]["force_n"])
 
     def report(
         self, board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None,

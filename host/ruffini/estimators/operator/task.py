@@ -30,7 +30,10 @@ def _forces_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
 
 def _forces_figures(words: list[Word]) -> dict[str, Any]:
     said, true, *_ = joined(words)
-    error, largest = np.linalg.norm((said - true)[:, :3], axis=1), float(np.linalg.norm(true[:, :3], axis=1).max())
+    measured = np.flatnonzero(~np.isnan(said[:, :3]).all(axis=0))
+    axes = measured if len(measured) else np.arange(3)  # that nothing was said is no error of 0
+    off, force = (said - true)[:, axes], true[:, axes]
+    error, largest = np.linalg.norm(off, axis=1), float(np.linalg.norm(force, axis=1).max())
     rmse = float(np.sqrt(np.mean(error**2)))
     return {
         "error": 1e3 * rmse, "touches": len(words), "force_rmse_n": rmse,

@@ -26,7 +26,6 @@ from ruffini.estimators.skin.task import TASK
 Array = npt.NDArray[np.float64]
 
 MAX_SKIN_PLACE = 0.5  # of the distance of two openings, mean: nearer to the right one than to the next
-TIMES_RMS = 3.0  # exceeded by three in a thousand of normally distributed errors
 
 
 def _untouched(board: Board, path: Path) -> Array:
@@ -103,13 +102,6 @@ class SkinEstimator(Estimator):
         off_n, n = made.tree["skin"]["force_rmse_n"], made.tree["log"]["touches"]
         text = f"force off by {off_n:.2f} N RMS over {n} touches"
         return Report(made.tree, made.gates, text, lambda path: write_skin_page(path, file, made))
-
-    def allowed_n(self, report: dict[str, Any], force_n: float) -> float | None:
-        """Three standard deviations: the error grows with the force, above what it is off by where it is faint."""
-        if "force_rms_percent" not in report:
-            return None
-        part_of_force = float(report["force_rms_percent"]) / 100
-        return TIMES_RMS * max(part_of_force * force_n, float(report["light_force_rms_n"]))
 
 
 SKIN = SkinEstimator()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ from ruffini.calibrate.log.warmth import celsius_ranges
 from ruffini.calibrate.report.fewer_presses import accuracy_in
 from ruffini.calibrate.report.page import AXES as LABELS
 from ruffini.calibrate.report.page import about, fewer_presses_table, range_table, report_head
+from ruffini.estimators.base import Report
 from ruffini.estimators.wrench.fit import Fit
 from ruffini.estimators.wrench.log import FeatureRun, read_feature_runs
 from ruffini.estimators.wrench.model import AXES, Frames, frames_of
@@ -37,9 +39,24 @@ class WrenchReport(NamedTuple):
     true: Array
 
 
+def wrench_report(
+    board: Board,
+    file: CalibrationFile,
+    paths: list[Path],
+    previous: CalibrationFile | None,
+    judged: Sequence[str] = AXES,
+) -> Report:
+    """As an estimator gives it; `judged`: the axes that a log which was not fitted has to load. Raises as below."""
+    made = wrench_report_of(board, file, paths, previous=previous, judged=judged)
+    told = [f"{name} {axis['rmse']:.3g}" for name, axis in made.tree["axes"].items() if axis["rmse"] is not None]
+    text = f"off by {', '.join(told)} RMS (N, N mm) over {made.tree['log']['touches']} loads"
+    return Report(made.tree, made.gates, text, lambda path: write_wrench_page(path, file, made))
+
+
 def wrench_report_of(
-    board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None
-) -> WrenchReport:
+    board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None,
+    judged: Sequence[str] = AXES,
+) -> WrenchReport:  # fmt: skip
     """Judge a wrench's tables on logs or recordings, those that it was fitted to or others.
 
     Raises
@@ -57,7 +74,8 @@ def wrench_report_of(
     if in_the_fit:  # what its stages found on what was left out
         gates += [g for g in gates_in(file) or [] if g.name not in {gate.name for gate in gates}]
     else:
-        gates += [_gate(name, e / f) for name, e, f in zip(AXES, rmse, full, strict=True) if e is not None and f > 0]
+        rows = zip(AXES, rmse, full, strict=True)
+        gates += [_gate(name, e / f) for name, e, f in rows if name in judged and e is not None and f > 0]
     tree = {
         "board": board.name, "calibration": about(file),
         "log": {"files": sources, "touches": len(np.unique(frames.run)), "frames": len(said), "in_the_fit": in_the_fit,
@@ -157,6 +175,7 @@ def _picture(report: WrenchReport) -> Any:
         axis.plot(true, said, ".", markersize=3)
         axis.plot([true.min(), true.max()], [true.min(), true.max()], color="black", linewidth=0.6)
         axis.set(xlabel=f"reference {label}", ylabel="sensor")
+        axis.set_title("not measured" if np.isnan(said).all() else "", fontsize="medium")
         axis.grid(alpha=0.3)
     figure.tight_layout()
     return figure

@@ -17,7 +17,7 @@ from ruffini.calibrate.log.columns import read_column_logs
 from ruffini.calibrate.log.videos import VideoColumns, read_video_log
 from ruffini.calibrate.report.fewer_presses import Figures, Numbers, accuracy_of_presses
 from ruffini.errors import InputError
-from ruffini.estimators.base import Estimator, Report
+from ruffini.estimators.base import TIMES_RMS, Estimator, Report
 from ruffini.estimators.contact_model.stage import CONTACT
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.softness.model import Softness, fit_softness, gel_pa_of, grid_of
@@ -37,14 +37,12 @@ from ruffini.estimators.wrench.log import (
 )
 from ruffini.estimators.wrench.marker_prior import marker_prior
 from ruffini.estimators.wrench.model import AXES, frames_of, recordings_of
-from ruffini.estimators.wrench.report import wrench_report_of, wrench_table, write_wrench_page
+from ruffini.estimators.wrench.report import wrench_report, wrench_table
 from ruffini.estimators.wrench.tables import map_in, tables
 from ruffini.estimators.wrench.target_geometry import second_order_of
 from ruffini.estimators.wrench.task import PRESSES, TASK
 from ruffini.estimators.wrench.terms import Bend
 from ruffini.files import write_whole
-
-TIMES_RMS = 3.0  # exceeded by three in a thousand of normally distributed errors
 
 
 class Mechanics(TypedDict):
@@ -216,10 +214,7 @@ class WrenchEstimator(Estimator):
         self, board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None,
         fleet: Prior | None = None, progress: Progress = lambda _: None,
     ) -> Report:  # fmt: skip
-        made = wrench_report_of(board, file, paths, previous=previous)
-        told = [f"{name} {axis['rmse']:.3g}" for name, axis in made.tree["axes"].items() if axis["rmse"] is not None]
-        text = f"off by {', '.join(told)} RMS (N, N mm) over {made.tree['log']['touches']} loads"
-        return Report(made.tree, made.gates, text, lambda path: write_wrench_page(path, file, made))
+        return wrench_report(board, file, paths, previous)
 
 
 WRENCH = WrenchEstimator()
