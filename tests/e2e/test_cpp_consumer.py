@@ -155,7 +155,7 @@ def test_a_force_is_usable_for_control_or_not() -> None:
     assert [line.endswith("  usable  SIMULATED\n") for line in said] == [case[0] for case in cases]
     assert all("fz -0.500 N  sigma of fz 0.000 N" in line for line in (said[0], said[-1], after))
     assert after.endswith("  not for control  SIMULATED\n"), "two damaged frames"
-    assert "two frames damaged within six minutes" in notes
+    assert "two damaged frames within six minutes" in notes
     assert "told_event: one sentence" in notes
     assert "2 damaged frames" in notes
 
