@@ -209,11 +209,12 @@ struct FlowParts {
 };
 
 struct Contact {
-  uint32_t id = 0;                   // rank in this frame; of a skin it stays with the touch
-  double area_m2 = 0.0;              // as sent, whatever the validity; of skins and fingertips 0: not known
-  std::array<double, 2> center_m{};  // centre of pressure, as sent, whatever the validity; of a skin on the unrolled skin
-  std::array<Measured, 3> force_n;   // x, y, z; of a skin z along the local normal
-  Measured peak_depth_m;             // lowest u_z, negative where pressed
+  uint32_t id = 0;       // rank in this frame; of a skin it stays with the touch
+  double area_m2 = 0.0;  // as sent, whatever the validity; of skins and fingertips 0: not known
+  std::array<double, 2>
+      center_m{};  // centre of pressure, as sent, whatever the validity; of a skin on the unrolled skin
+  std::array<Measured, 3> force_n;  // x, y, z; of a skin z along the local normal
+  Measured peak_depth_m;            // lowest u_z, negative where pressed
   SlipState slip_state = SlipState::kNotMeasured;
   // NaN if not measured or not known yet.
   double shear_ratio = kNaN;     // |F_t| / |F_n|
