@@ -182,11 +182,11 @@ class Printer {
   // Call after each packet, and after connect(), which reads some itself.
   void watch_damage(const Port& port) {
     if (!damage_.update(port.counters().damaged(), now_s())) return;
-    std::fprintf(
-        stderr,
-        "%s: two damaged frames within six minutes: not for control until six minutes have passed with at most one; see "
-        "the cable\n",
-        path_);
+    std::fprintf(stderr,
+                 "%s: two damaged frames within six minutes: not for control until six minutes have passed with at "
+                 "most one; see "
+                 "the cable\n",
+                 path_);
   }
 
   // Prints until the line is lost, or all frames have come. Each turn of the loop is one tick of a controller.
