@@ -13,6 +13,7 @@ from typing import Any
 from kept import cache_folder
 
 from ruffini.cli.app import command as tree
+from ruffini.cli.device import defaults_of_verbs
 
 ROOT = Path(__file__).parents[2]
 TEXTS = sorted(
@@ -54,6 +55,8 @@ def fault_of(words: list[str], *, is_whole: bool) -> str | None:
             context = command.make_context(command.name or "ruffini", list(rest), parent=context)
             if not hasattr(command, "commands"):
                 return None
+            if context.parent is None and context.params["board"]:  # as the options before the verb do
+                context.default_map = defaults_of_verbs(context.params["board"])
             rest = [*context._protected_args, *context.args]  # there is no other door to them
             _, command, rest = command.resolve_command(context, rest)
         except Exception as error:  # by name: of which click they are depends on Typer's version

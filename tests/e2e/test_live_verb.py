@@ -186,7 +186,7 @@ def test_a_recording_of_another_board_or_a_spoilt_mark_is_refused(video: Path, t
 def test_what_cannot_be_is_one_sentence(video: Path, environment: dict[str, str], tmp_path: Path) -> None:
     code, said = refused(environment, "--camera", str(video))
     assert code == 2
-    which = "contact-glitter, digit-tactile, gelsight-mini, gelslim"
+    which = "contact-glitter, digit-tactile, fibre-skin, gelsight-mini, gelslim"
     assert f"(320x240) fits several boards: choose one with --board of {which}" in said
     code, said = refused(environment, "--camera", str(video), "--board", "ftouch")
     assert code == 2

@@ -22,7 +22,7 @@ ENDLESS = re.compile(r"ruffini view --demo")  # until Ctrl-C; test_view_boards.p
 HOURS = re.compile(r"ruffini (reproduce|cal auto) ")
 ELSEWHERE = {  # command as a text shows it: what it wants, or what runs it
     "ruffini board eeprom write": "an EEPROM and the identity's serial number",
-    "ruffini cal check": "a sensor, and a weight or ball",
+    "ruffini cal check --grams 100 --calibration unit.safetensors": "a sensor, and a weight",
     "ruffini cal fit --only wrench": "a log",
     "ruffini cal file merge unit.safetensors colours.safetensors --out both.safetensors": "two fitted files",
     "ruffini cal undo": "a sensor",

@@ -47,9 +47,14 @@ def common_options(
     if camera is not None:
         Settings.port, Settings.serial = context.with_resource(own_camera(camera, board)), None
         if board is not None:
-            context.default_map = {"cal": {verb: {"board": board} for verb in ("auto", "collect", "fit")}}
+            context.default_map = defaults_of_verbs(board)
     elif board is not None:
         raise InputError("--board before the verb needs --camera: a sensor on a port tells its board itself")
+
+
+def defaults_of_verbs(board: str) -> dict[str, Any]:
+    """Defaults of the verbs that take a board, where one is given before them (click's default_map)."""
+    return {"cal": {verb: {"board": board} for verb in ("auto", "collect", "fit")}}
 
 
 def open_sensor() -> Connection:
