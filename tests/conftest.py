@@ -44,7 +44,8 @@ def pytest_configure() -> None:
     """
     os.environ["RUFFINI_TEST_CACHE"] = str(cache_folder())
     os.environ["XDG_CACHE_HOME"] = str(cache_folder() / "product")
-    gc.disable()  # until all is collected
+    if "PYTEST_XDIST_WORKER" in os.environ:  # the controller collects nothing
+        gc.disable()  # until all is collected
     hypothesis.settings.register_profile("tests", deadline=None)  # no real time judges a test
     hypothesis.settings.load_profile("tests")
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:

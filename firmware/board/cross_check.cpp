@@ -122,6 +122,16 @@ void check_picture_features(BoardReader& in, const BoardSettings& board) {
   }
 }
 
+// Spots are brighter than their ground, at known places.
+void check_spots(BoardReader& in, const BoardSettings& board) {
+  if (!has_stage(board, "spot_intensities")) return;
+  const MarkerSettings& markers = board.markers;
+  if (markers.polarity != Polarity::kLight) return in.fail("stage spot_intensities needs markers.polarity light");
+  if (markers.is_scattered && markers.places.empty()) {
+    in.fail("stage spot_intensities needs the spots' places: markers.places_um, or layout lattice");
+  }
+}
+
 void check_flow(BoardReader& in, const BoardSettings& board) {
   const MarkerSettings& m = board.markers;
   const int64_t most = 4;  // Helmholtz::kMaxOblong
@@ -165,6 +175,7 @@ void cross_check(BoardReader& in, const BoardSettings& board) {
   check_flow(in, board);
   check_targets(in, board);
   check_picture_features(in, board);
+  check_spots(in, board);
   if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||
       board.camera.height_px % board.depth.step_px != 0) {
     in.fail("depth.step_px must be 1, 2 or 4 and divide the image");

@@ -32,7 +32,7 @@ async def hold() -> None:
 async def main() -> None:
     try:
         await asyncio.wait_for(hold(), SECONDS)
-    except TimeoutError:
+    except asyncio.TimeoutError:
         print("done")
 
 

@@ -84,6 +84,7 @@ def on_dask(work: Work, items: Sequence[int], address: str) -> Results:
         One piece has killed several workers, or the cluster went away.
     """
     try:
+        asyncio: Any = importlib.import_module("asyncio")  # late: it takes 30 ms
         distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
         raise missing("--dask", "fleet") from error
@@ -95,7 +96,7 @@ def on_dask(work: Work, items: Sequence[int], address: str) -> Results:
     with client:
         try:
             client.wait_for_workers(1, timeout=CONNECT_TIMEOUT_S)
-        except TimeoutError as error:
+        except (TimeoutError, asyncio.TimeoutError) as error:  # two classes in Python 3.10
             raise InputError(f"the Dask scheduler at {address} has no workers: start some (`dask worker`)") from error
         n_ahead = AHEAD * max(1, sum(client.ncores().values()))
 

@@ -190,9 +190,30 @@ def test_a_held_touch_is_never_learned(core: Pipeline, bundle: Bundle) -> None:
     assert abs(np.median(core.features())) < 0.005 * ONE
 
 
-def test_spots_without_places_make_no_features() -> None:
-    text = board_text(SCATTERED)
-    start = text.index("places_um")
-    parsed = parse_board((text[:start] + text[text.index("\n", start) + 1 :]).encode(), "small")
-    with Pipeline(parsed) as core, pytest.raises(InputError, match="has no slot"):
-        core.raw("features")
+def test_lamps_that_change_under_a_touch_are_flagged(core: Pipeline, bundle: Bundle) -> None:
+    mirror = learned(core, bundle)
+    local = bundle.pressed(0.5) * (bundle.pressed(1.0) > 0.2)
+    for lamp in (1.0, 0.9, 1.1):
+        frame = bundle.picture((1 + local) * lamp - 1)
+        said, seen = core.process(frame), mirror.run(frame)
+        assert core.features().tolist() == seen.features.tolist()
+        assert bool(said.flags & LIGHT) == seen.is_light_wrong == (lamp != 1.0)
+
+
+def test_frames_that_hide_too_many_spots_are_not_followed(core: Pipeline, bundle: Bundle) -> None:
+    learned(core, bundle)
+    change = np.full(len(bundle.at), 6.0)
+    change[0] = 0.035
+    for _ in range(40):
+        assert core.process(bundle.picture(change)).flags & LOST
+    core.process(bundle.picture(0.0))
+    assert np.abs(core.features()).max() < 0.01 * ONE
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [("places_um", "# places_um", "needs the spots' places"), ('"light"', '"dark"', "needs markers.polarity light")],
+)
+def test_a_board_on_which_nothing_is_seen_is_refused(old: str, new: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        parse_board(board_text(SCATTERED).replace(old, new, 1).encode(), "small")

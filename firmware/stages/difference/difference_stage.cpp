@@ -49,7 +49,7 @@ class DifferenceStage final : public Stage {
     return n * kLeastLit < n_pixels_ ? n_pixels_ : n;
   }
 
-  static constexpr int kLeastLit = 32;  // one pixel in so many
+  static constexpr int kLeastLit = 256;  // one pixel in so many
   int n_pixels_;
   int n_views_;
   bool has_light_markers_;

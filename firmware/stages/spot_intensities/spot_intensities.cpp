@@ -16,7 +16,7 @@ constexpr int64_t kLeastLevel = 16;
 constexpr int64_t kFullShare = 8;          // an eighth
 constexpr int64_t kLeastShare = 16;        // a sixteenth
 constexpr int kFullAtRest = 16 * 255 - 8;  // 1/16 levels
-constexpr int64_t kSame = 655;              // 1 %
+constexpr int32_t kSame = 1311;            // 2 %
 constexpr int64_t kMost = 2621;            // 4 %
 constexpr int64_t kStep = 512;             // 1/128, a sixteenth of which is as much in Q20
 constexpr int kStillFrames = 16;
@@ -42,7 +42,8 @@ SpotIntensities::SpotIntensities(const BoardSettings& b)
       height_px_(b.camera.height_px),
       radius_q8_(length_q8(b.markers.diameter_um, b.camera)),
       reach_x_q8_(length_q8(b.markers.pitch_x_um, b.camera)),
-      reach_y_q8_(length_q8(b.markers.pitch_y_um, b.camera)) {
+      reach_y_q8_(length_q8(b.markers.pitch_y_um, b.camera)),
+      max_lost_(static_cast<int>(b.markers.max_lost)) {
   const MarkerSettings& m = b.markers;
   std::vector<PadPlace> places = m.places;
   if (!m.is_scattered) {
@@ -56,11 +57,11 @@ SpotIntensities::SpotIntensities(const BoardSettings& b)
     nominal_.push_back({projected_q8(at.x_um, b.pad.size_x_um, b.camera.center_x_mpx, b.camera),
                         projected_q8(at.y_um, b.pad.size_y_um, b.camera.center_y_mpx, b.camera)});
   }
-  place_ = nominal_;
   spot_.resize(nominal_.size());
   is_lost_.resize(nominal_.size(), 1);
   sorted_.resize(nominal_.size());
   run_.reserve(nominal_.size() * static_cast<size_t>((2 * radius_q8_ >> kPixel) + 2));
+  find_near();
 }
 
 SpotIntensities::Place SpotIntensities::found(const Place& nominal, std::span<const uint16_t> grey) const {
@@ -120,7 +121,8 @@ void SpotIntensities::cover(Spot& spot, const Place& place) {
 }
 
 // The nearest first; of equal distances the one that is listed first. Fewer than kNear others: repeated.
-void SpotIntensities::find_near(const std::vector<Place>& places) {
+void SpotIntensities::find_near() {
+  const std::vector<Place>& places = nominal_;
   for (size_t k = 0; k < places.size(); ++k) {
     std::array<int64_t, kNear> best{};
     best.fill(std::numeric_limits<int64_t>::max());
@@ -155,8 +157,7 @@ void SpotIntensities::learn(std::span<const uint16_t> grey, std::span<const uint
   run_.clear();
   for (size_t k = 0; k < spot_.size(); ++k) {
     Spot& spot = spot_[k];
-    place_[k] = found(nominal_[k], grey);
-    cover(spot, place_[k]);
+    cover(spot, found(nominal_[k], grey));
     spot.rest = sum(spot, grey);
     int64_t n_full = 0;
     for (size_t i = spot.first_run; i < spot.first_run + spot.n_runs; ++i) {
@@ -169,11 +170,10 @@ void SpotIntensities::learn(std::span<const uint16_t> grey, std::span<const uint
     spot.is_usable = spot.rest >= std::max<int64_t>(kLeastLevel * kGreyOfLevel * spot.n_pixels, 1) &&
                      kFullShare * n_full < spot.n_pixels;
   }
-  find_near(place_);
 }
 
 SpotIntensities::Outcome SpotIntensities::run(std::span<const uint16_t> grey, const FrameView& frame,
-                                              std::span<int32_t> features) {
+                                              std::span<int32_t> features, bool is_wrong) {
   for (size_t k = 0; k < spot_.size(); ++k) {
     const Spot& spot = spot_[k];
     features[k] = 0;
@@ -194,12 +194,12 @@ SpotIntensities::Outcome SpotIntensities::run(std::span<const uint16_t> grey, co
     const int64_t ratio = half_up(now * kOne, spot.rest);
     features[k] = static_cast<int32_t>(half_up(ratio * kGain, gain_q20_) - kOne);
   }
-  const Outcome out = follow(features);
+  const Outcome out = follow(features, is_wrong);
   fill(features);
   return out;
 }
 
-SpotIntensities::Outcome SpotIntensities::follow(std::span<const int32_t> features) {
+SpotIntensities::Outcome SpotIntensities::follow(std::span<const int32_t> features, bool is_wrong) {
   Outcome out;
   auto end = sorted_.begin();
   for (size_t k = 0; k < features.size(); ++k) {
@@ -209,19 +209,24 @@ SpotIntensities::Outcome SpotIntensities::follow(std::span<const int32_t> featur
       *end++ = features[k];
     }
   }
-  bool is_same = end != sorted_.begin();
-  int64_t median = 0;
-  if (is_same) {
-    const auto middle = sorted_.begin() + (end - sorted_.begin()) / 2;
-    std::nth_element(sorted_.begin(), middle, end);
-    median = *middle;
-    is_same = std::all_of(sorted_.begin(), end, [&](int32_t f) { return std::abs(f - median) <= kSame; });
+  std::sort(sorted_.begin(), end);
+  const auto n_seen = static_cast<size_t>(end - sorted_.begin());
+  size_t first = 0;  // of the group, and how many it has
+  size_t n = 0;
+  for (size_t low = 0, high = 0; high < n_seen; ++high) {
+    while (sorted_[high] - sorted_[low] > kSame) ++low;
+    if (high - low + 1 > n) {
+      first = low;
+      n = high - low + 1;
+    }
   }
-  out.is_light_wrong = is_same && std::abs(median) > kMost;
-  n_still_ = is_same && !out.is_light_wrong ? std::min(n_still_ + 1, kStillFrames) : 0;
+  const int64_t light = n == 0 ? 0 : sorted_[first + n / 2];
+  out.is_light_wrong = n > 0 && 2 * n >= n_seen && std::abs(light) > kMost;
+  const bool is_still = n > 0 && n == n_seen && !out.is_light_wrong && !is_wrong && out.n_lost <= max_lost_;
+  n_still_ = is_still ? std::min(n_still_ + 1, kStillFrames) : 0;
   if (n_still_ == kStillFrames) {
     gain_q20_ =
-        std::clamp<int64_t>(gain_q20_ + std::clamp<int64_t>(median, -kStep, kStep), kGain * 3 / 4, kGain * 5 / 4);
+        std::clamp<int64_t>(gain_q20_ + std::clamp<int64_t>(light, -kStep, kStep), kGain * 3 / 4, kGain * 5 / 4);
   }
   return out;
 }

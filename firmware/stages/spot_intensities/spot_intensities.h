@@ -5,18 +5,20 @@
 //           over a square of a pitch about it; 1/256 px
 //   r_k     2^16 (sum of grey over spot k) / (the same at rest), half up; a pixel belongs to the spot if its centre is
 //           at most half of [markers] diameter_um from the place
-//   f_k     2^20 r_k / g - 2^16, half up                                                    Q16 of rest, below 2^20
-//   m       median of f of the spots that are seen: element n / 2 of n in order
+//   f_k     2^20 r_k / g - 2^16, half up                                                    Q16 of rest, below 2^21
+//   light   of the spots that are seen, in the order of their f: the most that lie within 2 % of each other, the lowest
+//           such group. m is element n / 2 of these n. If they are at least half of the seen ones, the others are what
+//           a press changes, and |m| > 4 % is changed light (six times the noise of a spot of 80 pixels is 1 %)
+//   still   these are all that are seen, |m| <= 4 %, and the frame is not known to be wrong
 //   g      += clamp(m, +-1/128) / 16 in every frame from the 16th still one on; Q20, 0.75 to 1.25. It follows lamps
-//           that age, and starts from 1 with a new rest picture
-//   still   all spots that are seen within 1 % of m, and |m| <= 4 %: six times the noise of a spot of 80 pixels.
-//           image/light.h, which follows the light of gels, takes a press that brightens an eighth of the picture for
-//           daylight
+//           that age, and starts from 1 with a new rest picture. image/light.h, which follows the light of gels, takes a
+//           press that brightens an eighth of the picture for daylight
 //   lost    at rest below 16 grey levels or with an eighth of its pixels at 255; now below a 16th of its light at rest, or
 //           with an eighth of its pixels at 255: a broken fibre, or one too bright. Its f is the mean, half up, of the
 //           seen ones among the kNear nearest spots, else 0
 //
-// A press on all spots alike by less than 4 % is indistinguishable from light, and is learned. Not in the papers. Frame
+// A press on all spots alike is indistinguishable from light: less than 4 %, or slower than 0.05 % a frame, is learned, up
+// to 25 %. Light that changes while a press reaches more than half of the spots is not noticed. Not in the papers. Frame
 // thread; one pass over the spots' pixels, no allocation after the constructor.
 #pragma once
 
@@ -37,7 +39,7 @@ class SpotIntensities {
 
   struct Outcome {
     int n_lost = 0;
-    bool is_light_wrong = false;  // all spots agree on a light that is more than 4 % off
+    bool is_light_wrong = false;  // half of the spots agree on a light that is more than 4 % off
   };
 
   explicit SpotIntensities(const BoardSettings& board);
@@ -46,8 +48,8 @@ class SpotIntensities {
   [[nodiscard]] bool has_places() const { return !nominal_.empty(); }
   // `grey`: of the rest picture (image/difference.h), width x height; `rest`: its pixels, 1/16 levels of B, G, R.
   void learn(std::span<const uint16_t> grey, std::span<const uint16_t> rest);
-  // `features`: one for each spot, in the order of [markers].
-  Outcome run(std::span<const uint16_t> grey, const FrameView& frame, std::span<int32_t> features);
+  // `features`: one for each spot, in the order of [markers]. `is_wrong`: nothing is learned from this frame.
+  Outcome run(std::span<const uint16_t> grey, const FrameView& frame, std::span<int32_t> features, bool is_wrong);
 
  private:
   struct Place {
@@ -70,9 +72,9 @@ class SpotIntensities {
 
   [[nodiscard]] Place found(const Place& nominal, std::span<const uint16_t> grey) const;
   void cover(Spot& spot, const Place& place);
-  void find_near(const std::vector<Place>& places);
+  void find_near();
   [[nodiscard]] int64_t sum(const Spot& spot, std::span<const uint16_t> grey) const;
-  Outcome follow(std::span<const int32_t> features);
+  Outcome follow(std::span<const int32_t> features, bool is_wrong);
   void fill(std::span<int32_t> features) const;
 
   int width_px_;
@@ -80,8 +82,8 @@ class SpotIntensities {
   int64_t radius_q8_;
   int64_t reach_x_q8_;  // half a pitch
   int64_t reach_y_q8_;
+  int max_lost_;
   std::vector<Place> nominal_;
-  std::vector<Place> place_;
   std::vector<Spot> spot_;
   std::vector<Run> run_;
   std::vector<uint8_t> is_lost_;

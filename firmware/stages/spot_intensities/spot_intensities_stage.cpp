@@ -26,7 +26,7 @@ class SpotIntensitiesStage final : public Stage {
   void learn(std::span<const uint16_t> rest) override { spots_.learn(difference_.grey, rest); }
 
   void run(Frame& frame) override {
-    const SpotIntensities::Outcome seen = spots_.run(difference_.grey, frame.view, features_.value);
+    const SpotIntensities::Outcome seen = spots_.run(difference_.grey, frame.view, features_.value, frame.is_wrong());
     if (seen.n_lost > max_lost_) frame.flags |= kFlagMarkersLost;
     if (seen.is_light_wrong) frame.flags |= kFlagLight;
   }

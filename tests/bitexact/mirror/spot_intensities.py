@@ -12,7 +12,7 @@ from mirror.fixed import I64, div_half_up
 
 ONE, GAIN, NEAR = 1 << 16, 1 << 20, 6
 LEAST_LEVEL, GREY_OF_LEVEL = 16, 48
-SAME, MOST, STEP, STILL_FRAMES = 655, 2621, 512, 16
+SAME, MOST, STEP, STILL_FRAMES = 1311, 2621, 512, 16
 
 
 class Seen(NamedTuple):
@@ -61,21 +61,19 @@ class SpotIntensities:
         grey = grey_of_rest(rest)
         y, x = np.mgrid[: grey.shape[0], : grey.shape[1]].astype(np.int64)
         self.masks, self.rest, self.usable = [], [], []
-        places = []
         for at_x, at_y in nominal_q8(board):
             place = self._found(grey, at_x, at_y, half[1], half[2])
-            places.append(place)
             mask = ((x << 8) - place[0]) ** 2 + ((y << 8) - place[1]) ** 2 <= half[0] ** 2
             total, n = int(grey[mask].sum()), int(mask.sum())
             n_full = int((rest.max(axis=2)[mask] >= 16 * 255 - 8).sum())
             self.masks.append(mask)
             self.rest.append(total)
             self.usable.append(total >= max(LEAST_LEVEL * GREY_OF_LEVEL * n, 1) and 8 * n_full < n)
-        at = np.array(places)
+        at = np.array(nominal_q8(board))
         distance = ((at[:, None] - at) ** 2).sum(axis=2)
         np.fill_diagonal(distance, np.iinfo(np.int64).max)
         self.near = np.argsort(distance, axis=1, kind="stable")[:, : min(NEAR, len(at) - 1)]
-        self.gain, self.n_still = GAIN, 0
+        self.gain, self.n_still, self.max_lost = GAIN, 0, markers["max_lost"]
 
     @staticmethod
     def _found(grey: I64, x_q8: int, y_q8: int, reach_x: int, reach_y: int) -> tuple[int, int]:
@@ -95,7 +93,7 @@ class SpotIntensities:
         total = int(weight.sum())
         return tuple(int(div_half_up(np.int64(256 * (weight * along).sum()), total)) for along in (x, y))  # type: ignore[return-value]
 
-    def run(self, frame: npt.NDArray[np.uint8]) -> Seen:
+    def run(self, frame: npt.NDArray[np.uint8], *, is_wrong: bool = False) -> Seen:
         grey, full = grey_of(frame), frame.max(axis=2) == 255
         features, lost = np.zeros(len(self.masks), np.int64), np.zeros(len(self.masks), bool)
         for k, (mask, rest, is_usable) in enumerate(zip(self.masks, self.rest, self.usable, strict=True)):
@@ -104,17 +102,21 @@ class SpotIntensities:
             if not lost[k]:
                 ratio = int(div_half_up(np.int64(now * ONE), rest))
                 features[k] = int(div_half_up(np.int64(ratio * GAIN), self.gain)) - ONE
-        is_wrong = self._follow(features[~lost])
+        is_light_wrong = self._follow(np.sort(features[~lost]), is_wrong or bool(lost.sum() > self.max_lost))
         for k in np.flatnonzero(lost):
             seen = [i for i in self.near[k] if not lost[i]]
             features[k] = int(div_half_up(features[seen].sum(), len(seen))) if seen else 0
-        return Seen(features, int(lost.sum()), is_wrong)
+        return Seen(features, int(lost.sum()), is_light_wrong)
 
-    def _follow(self, seen: I64) -> bool:
-        median = int(np.sort(seen)[len(seen) // 2]) if len(seen) else 0
-        is_same = len(seen) > 0 and bool((np.abs(seen - median) <= SAME).all())
-        is_wrong = is_same and abs(median) > MOST
-        self.n_still = min(self.n_still + 1, STILL_FRAMES) if is_same and not is_wrong else 0
+    def _follow(self, seen: I64, is_wrong: bool) -> bool:
+        """`seen`: in order."""
+        numbers = [int(np.searchsorted(seen, low + SAME, side="right")) - i for i, low in enumerate(seen)]
+        n = max(numbers, default=0)
+        first = numbers.index(n) if n else 0
+        light = int(seen[first + n // 2]) if n else 0
+        is_light_wrong = n > 0 and 2 * n >= len(seen) and abs(light) > MOST
+        is_still = 0 < n == len(seen) and not is_light_wrong and not is_wrong
+        self.n_still = min(self.n_still + 1, STILL_FRAMES) if is_still else 0
         if self.n_still == STILL_FRAMES:
-            self.gain = min(max(self.gain + min(max(median, -STEP), STEP), GAIN * 3 // 4), GAIN * 5 // 4)
-        return is_wrong
+            self.gain = min(max(self.gain + min(max(light, -STEP), STEP), GAIN * 3 // 4), GAIN * 5 // 4)
+        return bool(is_light_wrong)

@@ -48,8 +48,9 @@ struct Scene {
   SpotIntensities::Outcome run(SpotIntensities& spots) {
     return spots.run(grey(),
                      {.data = pixels.data(), .width = kWidth, .height = kHeight, .channels = 3, .stride = 3 * kWidth},
-                     features);
+                     features, is_wrong);
   }
+  bool is_wrong = false;  // as an earlier stage says
 };
 
 TEST(SpotIntensities, IsTheShareOfLightAtRest) {
@@ -92,8 +93,26 @@ TEST(SpotIntensities, FlagsLightThatChangesAtAStroke) {
   scene.learn(spots);
   scene.paint_all(106);
   EXPECT_TRUE(scene.run(spots).is_light_wrong);
-  scene.paint(0, 140);
-  EXPECT_FALSE(scene.run(spots).is_light_wrong) << "not all spots agree";
+  for (size_t k = 0; k < 31; ++k) scene.paint(k, 120 + 3 * static_cast<int>(k));
+  EXPECT_TRUE(scene.run(spots).is_light_wrong) << "half of the spots agree, the others are pressed";
+  for (size_t k = 31; k < 34; ++k) scene.paint(k, 120 + 3 * static_cast<int>(k));
+  EXPECT_FALSE(scene.run(spots).is_light_wrong) << "a press on more than half of the spots may be all of it";
+}
+
+// A frame that is known to be wrong, or hides too many spots, teaches nothing.
+TEST(SpotIntensities, FollowsNoLampsInAWrongFrame) {
+  Scene scene;
+  SpotIntensities spots(scene.board);
+  scene.paint_all(kLevel);
+  scene.learn(spots);
+  scene.paint_all(102);
+  scene.is_wrong = true;
+  for (int i = 0; i < 60; ++i) scene.run(spots);
+  EXPECT_EQ(scene.features[0], (SpotIntensities::kOne + 25) / 50);
+  scene.is_wrong = false;
+  for (size_t k = 0; k <= static_cast<size_t>(scene.board.markers.max_lost); ++k) scene.paint(k, 255);
+  for (int i = 0; i < 60; ++i) scene.run(spots);
+  EXPECT_EQ(scene.features[kSpots - 1], (SpotIntensities::kOne + 25) / 50);
 }
 
 TEST(SpotIntensities, FillsASaturatedOrDarkSpotFromItsNeighbours) {

@@ -12,7 +12,7 @@
 
 namespace ruffini::test {
 
-// The stages without these, and of those that write features only picture_features: a slot has one writer.
+// The stages without these, and without two that would write the features of picture_features.
 inline std::vector<std::string> stages_but(std::initializer_list<std::string_view> left_out) {
   std::vector<std::string> stages;
   for (const std::string& stage : stage_names()) {
