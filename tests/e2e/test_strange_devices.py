@@ -38,9 +38,8 @@ def test_a_snapshot_without_a_picture_ends(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("ruffini.device.connection.IMAGE_S", 0.1)
     with told() as device:  # fields come without end
         done = run_ruffini("snapshot", "--out", tmp_path / "a.png", port=device.port)
-    assert (done.code, refusal_in(done.err)) == (
-        3, f"ruffini: {device.port}: no image came: does this sensor send it?",
-    )  # fmt: skip
+    assert done.code == 3
+    assert refusal_in(done.err).endswith("no image came: does this sensor send it?")  # on a busy computer: no field and
     assert not (tmp_path / "a.png").exists()
 
 
