@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ruffini.calibrate import container
-from ruffini.calibrate.log.columns import Columns, read_column_logs
+from ruffini.calibrate.log.columns import Columns, read_column_logs, read_plain_log
 from ruffini.cli.app import app
 from ruffini.errors import InputError
 
@@ -168,7 +169,7 @@ def test_two_recordings_without_untouched_frames_are_fitted(tmp_path: Path) -> N
     assert said["held_out_by"] == "recording"
     assert said["n_recordings"] == 2
     assert said["not_stated"]
-    assert list(said["recordings"]) == ["1.h5", "2.h5"]
+    assert [Path(name).name for name in said["recordings"]] == ["1.h5", "2.h5"]
     for axis, full in zip(("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"), FULL * [1, 1, 1, 1e3, 1e3, 1e3], strict=True):
         assert said["axes"][axis]["rmse"] < 0.02 * full
         assert 0 < said["axes"][axis]["mae"] < said["axes"][axis]["rmse"]
@@ -212,3 +213,34 @@ def test_any_range(times: float, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, _command(paths, tmp_path / "w"), catch_exceptions=False)
     said = json.loads(result.stdout)
     assert said["axes"]["Fz"]["rmse"] < 0.1 * said["axes"]["Fz"]["full_scale"]
+
+
+def test_recordings_stay_apart_in_folders_and_under_long_numbers(tmp_path: Path) -> None:
+    paths = []
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        paths.append(as_csv(tmp_path / folder / "log.csv", made(1)))
+    columns = Columns("t", ("m*",), "mm", ("fx", "fy", "fz", "tx", "ty", "tz"), ("N", "N m"), "touch")
+    assert len({run.recording for run in read_column_logs(paths, columns).runs}) == 2
+    log = {**made(1), "day": np.repeat([20240101.0, 20240102.0], N_TOUCHES * N_FRAMES // 2)}
+    read = read_column_logs([hdf5(tmp_path / "c.h5", log)], replace(COLUMNS, recording="day"))
+    assert [run.name for run in read.runs] == ["c.h5/20240101", "c.h5/20240102"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time,feature_0,fz\n0,0.01,-1\n", "column feature_0, row 1: 0.01 is none of the board's integers"),
+        ("time,feature_0,fz\n0,1,-1\n1,1e9,-1\n", "column feature_0, row 2: 1e\\+09 is none of the board's integers"),
+    ],
+)
+def test_features_that_are_no_integers_of_a_board_are_refused(text: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_plain_log(tmp_path / "log.csv")
+
+
+def test_a_misspelt_column_of_tips_is_one_sentence(tmp_path: Path) -> None:
+    path = hdf5(tmp_path / "log.h5", made(1))
+    with pytest.raises(InputError, match="has no column 'tipp'"):
+        read_column_logs([path], replace(COLUMNS, tip="tipp"))

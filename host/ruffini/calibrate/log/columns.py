@@ -37,6 +37,7 @@ Array = npt.NDArray[np.float64]
 
 STEP = 65536.0  # raw units in a px or mm
 LARGEST_RAW = 1 << 20  # of a feature without a unit
+MOST_RAW = 1 << 26  # of a board's own integers
 LENGTHS_MM = {"mm": 1.0, "um": 1e-3, "m": 1e3}
 # A displacement beyond these was given in another unit: no soft pad moves so little under load, or so far.
 LEAST = {"mm": 0.02, "px": 0.02}
@@ -127,6 +128,18 @@ class Source:
             out += [(f"{each}{label}", column) for label, column in zip(labels, flat.T, strict=True)]
         return out
 
+    def text(self, name: str) -> list[str]:
+        """A column of names.
+
+        Raises
+        ------
+        InputError
+            There is none; of HDF5 files numbers alone are read.
+        """
+        if name not in self.columns:
+            raise InputError(f"{self.path}: has no column {name!r}, only {_listed(self.columns)}")
+        return [str(value) for value in self.columns[name]]
+
     def one(self, name: str) -> Array:
         """The only column of a name."""
         found = self.named(name)
@@ -182,6 +195,9 @@ def read_column_logs(paths: Sequence[Path], columns: Columns, *, is_raw: bool = 
         for source, (_, values) in zip(sources, tables, strict=True):
             _check_size(source.path, names, values, columns.unit)
         step = _steps(np.concatenate([values for _, values in tables]), columns.unit)
+    else:
+        for source, (_, values) in zip(sources, tables, strict=True):
+            _check_raw(source.path, names, values)
     by_file = [_runs(source, columns, values, step) for source, (_, values) in zip(sources, tables, strict=True)]
     _check_alike(sources, columns, by_file)
     runs, remarks = [run for each in by_file for run in each], list[str]()
@@ -251,7 +267,10 @@ def _runs(source: Source, columns: Columns, values: Array, step: Array) -> list[
     if len({len(time_s), len(time_s if touch is None else touch), len(session)}) > 1:
         raise InputError(f"{path}: {columns.touch or columns.recording} has other rows than {columns.time}: one row a "
                          "frame in each")  # fmt: skip
-    tip = np.array(source.columns[columns.tip] if columns.tip else [""] * len(time_s), dtype=str)
+    tip = np.array(source.text(columns.tip) if columns.tip else [""] * len(time_s), dtype=str)
+    if len(tip) != len(time_s):
+        raise InputError(f"{path}: {columns.tip} has {len(tip)} rows, {columns.time} {len(time_s)}: one row a frame in "
+                         "each")  # fmt: skip
     out = []
     for number, kind in sorted(set(zip(session.tolist(), tip.tolist(), strict=True))):
         rows = np.flatnonzero((session == number) & (tip == kind))
@@ -259,10 +278,10 @@ def _runs(source: Source, columns: Columns, values: Array, step: Array) -> list[
         if len(back):
             raise InputError(f"{path}: {columns.time}, row {rows[back[0] + 1] + 1}: time runs backwards: is this the "
                              "column of time? Give each recording a file of its own, or name --recording")  # fmt: skip
-        name = path.name if not columns.recording else f"{path.name}/{number:g}"
+        name, of_file = (f"{where}/{number}" if columns.recording else f"{where}" for where in (path.name, path))
         when = time_s[rows]
         # Errors on tips left out are those of another tip.
-        of_recording = name if columns.recording or not kind else f"{name}, {kind}"
+        of_recording = of_file if columns.recording or not kind else f"{of_file}, {kind}"
         out.append(FeatureRun(
             name, when, np.round(values[rows] * step), np.ones(len(rows), bool), when, wrench[rows],
             touch=None if touch is None else touch[rows], recording=of_recording, kind=kind or UNNAMED,
@@ -287,6 +306,15 @@ def _wrench(source: Source, columns: Columns) -> Array:
     wrench = np.asarray(values * ([force_factor(units[0])] * 3 + [torque_factor(units[1])] * 3))
     _check_wrench(path, names, wrench, units)
     return wrench
+
+
+def _check_raw(path: Path, names: list[str], values: Array) -> None:
+    """Refuse features that are no integers of a board: relative changes, per cent, pixels."""
+    wrong = (values != np.round(values)) | (np.abs(values) > MOST_RAW)
+    if wrong.any():
+        row, column = (int(i) for i in np.argwhere(wrong)[0])
+        raise InputError(f"{path}: column {names[column]}, row {row + 1}: {values[row, column]:g} is none of the "
+                         "board's integers: give the numbers of FEATURES as they are, or leave --board out")  # fmt: skip
 
 
 def _whole(source: Source, name: str) -> npt.NDArray[np.intp]:

@@ -37,7 +37,7 @@ def fewer_presses_table(page: Page, rows: list[dict[str, Any]]) -> None:
 
 def range_table(page: Page, names: dict[str, str], valid_for: dict[str, Any]) -> None:
     """What a log tried; `names` of its lines but the temperatures'."""
-    rows: list[tuple[Any, ...]] = [(name, *valid_for[key]) for key, name in names.items()]
+    rows: list[tuple[Any, ...]] = [(name, *valid_for[key]) for key, name in names.items() if key in valid_for]
     page.table(("", "from", "to"), rows + celsius_rows(valid_for["temperature_c"]))
 
 

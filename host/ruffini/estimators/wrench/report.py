@@ -86,7 +86,8 @@ def wrench_report_of(
                  for name, e, f in zip(AXES, rmse, full, strict=True)},
         "accuracy_of_presses": accuracy_in(file, "wrench") if in_the_fit else [],
         "valid_for": {
-            **{name: [float(v.min()), float(v.max())] for name, v in zip(AXES, frames.wrench.T, strict=True)},
+            **{name: [float(v.min()), float(v.max())]
+               for name, v in zip(AXES, frames.wrench.T, strict=True) if v.any()},
             "temperature_c": celsius_ranges(touch.facts for log in logs for touch in log.touches),
         },
     }  # fmt: skip
@@ -101,6 +102,7 @@ def _said(file: CalibrationFile, runs: list[FeatureRun]) -> tuple[Array, Frames]
 
 def _rms(said: Array, frames: Frames) -> list[float | None]:
     error = np.sqrt(np.mean((said - frames.wrench) ** 2, axis=0))
+    error[~frames.wrench.any(axis=0)] = np.nan  # the reference measured nothing along it
     return [None if np.isnan(e) else float(e) for e in error]
 
 

@@ -95,6 +95,11 @@ def _read(job: Job, options: WrenchOptions, progress: Progress) -> _Read:
         features, runs = Features(COLUMNS, len(of_columns.names)), of_columns.runs
         if board is not None:
             features = features_of(board)
+            if named.unit and (features.sort, named.unit) != ("markers", "px"):
+                raise InputError(
+                    f"--unit {named.unit}: board {board.name!r} makes integers of its {features.sort}: give the "
+                    "numbers of FEATURES without a unit, or leave --board out"
+                )
             check_number(job.paths[0], len(of_columns.names), board)
             runs = [on_board(run, board) for run in runs]
         return _Read(runs, features, [*of_columns.remarks])
