@@ -314,7 +314,7 @@ def _check_raw(path: Path, names: list[str], values: Array) -> None:
     if wrong.any():
         row, column = (int(i) for i in np.argwhere(wrong)[0])
         raise InputError(f"{path}: column {names[column]}, row {row + 1}: {values[row, column]:g} is none of the "
-                         "board's integers: give the numbers of FEATURES as they are, or leave --board out")  # fmt: skip
+                         "board's integers: give the numbers of FEATURES, or leave --board out")  # fmt: skip
 
 
 def _whole(source: Source, name: str) -> npt.NDArray[np.intp]:
