@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import LOOK_MS, Evaluates, sensor_of, viewer, wait_for
+from hang import HANG_S, Patience
 from playwright.sync_api import Page
 from test_bench_file import Desk
 from test_kitchen_scale import STIFFER, Truth
@@ -57,9 +58,12 @@ def follow(
     page: Page, person: EmulatedPerson, heard: list[str], is_enough: Callable[[dict[str, Any]], bool] = lambda _: False
 ) -> None:
     """Do what the page says until it is no press any more, or `is_enough` of what it shows."""
-    answered, said = 0, ""
+    answered, said, seen, patience = 0, "", None, Patience()
     while (step := step_of(page))["phase"] in ("press", "work"):
         page.wait_for_timeout(LOOK_MS)
+        if seen != (seen := (step["phase"], step["number"], step["said"], step["asked"], step.get("part"))):
+            patience = Patience()
+        assert not patience.is_over(), f"the page stands still at {seen}"
         assert "No reply" not in step["notice"]
         if is_enough(step):
             return
@@ -73,7 +77,10 @@ def follow(
             answered = step["asked"]
             heard.append(said)
             if step["wantsNumber"]:
-                page.keyboard.type(person.number(said))
+                typed = person.number(said)
+                page.wait_for_selector(".guide .typed input:focus", timeout=1e3 * HANG_S)  # drawn after it is told
+                page.keyboard.type(typed)
+                assert page.input_value(".guide .typed input") == typed
             else:
                 person.confirm(said)
             page.keyboard.press("Enter")

@@ -230,6 +230,7 @@ def test_what_a_kitchen_scale_shows_is_typed_into_the_page(
                 if n_typed not in wrong:
                     shown_g[word[word.index("press at") :]] = float(typed.replace(",", "."))
                 n_typed += 1
+                page.wait_for_selector(".guide .typed input:focus", timeout=PATIENCE_S * 1e3)  # drawn after it is told
                 page.keyboard.type(typed)
                 assert page.input_value(".guide .typed input") == typed
                 page.keyboard.press("Enter")
