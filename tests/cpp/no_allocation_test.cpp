@@ -217,6 +217,13 @@ TEST(FrameThread, AllocatesNothingWithAContactModelAndItsDepthMap) {
   EXPECT_GT(out.largest_depth, out.smallest_depth + 20) << "no depth was told";
 }
 
+TEST(FrameThread, AllocatesNothingOnSpotsOfLight) {
+  const Outcome out = run_daemon(test::spots(), false);
+  EXPECT_EQ(out.frames, kFrames);
+  EXPECT_EQ(out.allocations, 0U);
+  EXPECT_EQ(out.messages[ruffini_MessageType_MESSAGE_TYPE_FEATURES], kFrames);
+}
+
 // Allocates as OpenCV does, in its own thread.
 class Allocating : public Network {
  public:

@@ -53,6 +53,28 @@ inline Scene glow() {
           .pressed = glowing_picture(board, {20, 51}, 2)};
 }
 
+// Ends of fibres on black, the first half of them brighter where the pad is pressed.
+inline Scene spots() {
+  Scene scene{.board = round_board(), .calibration = {}, .rest = {}, .pressed = {}};
+  scene.board.markers.polarity = Polarity::kLight;
+  scene.board.stages = {"difference", "spot_intensities"};
+  scene.calibration = diagonal_calibration(scene.board);
+  const int width = scene.board.camera.width_px;
+  scene.rest.resize(static_cast<size_t>(3 * width * scene.board.camera.height_px));
+  scene.pressed = scene.rest;
+  const auto places = nominal_dots(scene.board);
+  for (size_t k = 0; k < places.size(); ++k) {
+    for (int y = -4; y <= 4; ++y) {
+      for (int x = -4; x <= 4; ++x) {
+        const int pixel = (static_cast<int>(places[k].y) + y) * width + static_cast<int>(places[k].x) + x;
+        std::fill_n(scene.rest.begin() + 3 * pixel, 3, uint8_t{100});
+        std::fill_n(scene.pressed.begin() + 3 * pixel, 3, static_cast<uint8_t>(2 * k < places.size() ? 140 : 100));
+      }
+    }
+  }
+  return scene;
+}
+
 // A texture that is pressed apart.
 inline Scene texture() {
   const BoardSettings board = contact_board();

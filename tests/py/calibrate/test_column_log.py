@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -18,6 +19,7 @@ from ruffini.calibrate import container
 from ruffini.calibrate.log.columns import Columns, read_column_logs, read_plain_log
 from ruffini.cli.app import app
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.report import _rms
 
 Array = npt.NDArray[np.float64]
 COLUMNS = Columns("t", ("moved",), "mm", ("wrench",), ("N", "N m"), "touch")
@@ -240,7 +242,42 @@ def test_features_that_are_no_integers_of_a_board_are_refused(text: str, says: s
         read_plain_log(tmp_path / "log.csv")
 
 
+def test_recordings_are_numbered_and_a_file_is_itself_by_any_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = {**made(1), "session": np.repeat([1.2, 1.7], N_TOUCHES * N_FRAMES // 2)}
+    path = hdf5(tmp_path / "log.h5", log)
+    with pytest.raises(InputError, match=r"column session, row 1: 1\.2 is no whole number"):
+        read_column_logs([path], replace(COLUMNS, recording="session"))
+    monkeypatch.chdir(tmp_path)
+    assert len({run.recording for run in read_column_logs([path, Path("log.h5")], COLUMNS).runs}) == 1
+
+
+def test_tips_are_read_from_hdf5_too(tmp_path: Path) -> None:
+    tips = np.repeat([b"ball", b"edge"], N_TOUCHES * N_FRAMES // 2)
+    path = hdf5(tmp_path / "log.h5", {**made(1), "object": tips})
+    assert [run.kind for run in read_column_logs([path], replace(COLUMNS, tip="object")).runs] == ["ball", "edge"]
+    path = hdf5(tmp_path / "short.h5", {**made(1), "object": tips[1:]})
+    with pytest.raises(InputError, match="object has 95 rows, t 96: one row a frame in each"):
+        read_column_logs([path], replace(COLUMNS, tip="object"))
+
+
 def test_a_misspelt_column_of_tips_is_one_sentence(tmp_path: Path) -> None:
     path = hdf5(tmp_path / "log.h5", made(1))
     with pytest.raises(InputError, match="has no column 'tipp'"):
         read_column_logs([path], replace(COLUMNS, tip="tipp"))
+
+
+def test_a_boards_features_have_no_unit_of_length(tmp_path: Path) -> None:
+    words = [*_command([hdf5(tmp_path / "a.h5", made(1))], tmp_path / "out"), "--board", "fibre-skin"]
+    said = CliRunner().invoke(app, words)
+    assert isinstance(said.exception, InputError)
+    assert "--unit mm: board 'fibre-skin' makes integers of its spots" in str(said.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_axis_along_which_the_reference_measured_nothing_is_not_judged() -> None:
+    wrench = np.zeros((4, 6))
+    wrench[:, 2] = [-1, -2, -3, -4]
+    frames: Any = SimpleNamespace(wrench=wrench)
+    assert _rms(wrench + 0.5, frames) == [None, None, 0.5, None, None, None]

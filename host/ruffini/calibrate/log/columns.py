@@ -38,6 +38,7 @@ Array = npt.NDArray[np.float64]
 STEP = 65536.0  # raw units in a px or mm
 LARGEST_RAW = 1 << 20  # of a feature without a unit
 MOST_RAW = 1 << 26  # of a board's own integers
+MOST_TEXTS = 10_000_000  # rows of a column of names
 LENGTHS_MM = {"mm": 1.0, "um": 1e-3, "m": 1e3}
 # A displacement beyond these was given in another unit: no soft pad moves so little under load, or so far.
 LEAST = {"mm": 0.02, "px": 0.02}
@@ -134,7 +135,7 @@ class Source:
         Raises
         ------
         InputError
-            There is none; of HDF5 files numbers alone are read.
+            There is none.
         """
         if name not in self.columns:
             raise InputError(f"{self.path}: has no column {name!r}, only {_listed(self.columns)}")
@@ -231,18 +232,24 @@ def _opened(path: Path) -> Source:
     try:
         with h5py.File(readable(path, None)) as file:
             for name, node in _datasets(file):
-                found[name] = dataset_values(node, f"{path}: {name}")
+                is_text = node.dtype.kind in "OS"
+                found[name] = node.asstr()[:].tolist() if is_text else dataset_values(node, f"{path}: {name}")
     except (OSError, RuntimeError, MemoryError) as error:
         raise InputError(f"{path}: cannot be read as HDF5: {error}") from error
     return Source(path, found)
 
 
 def _datasets(file: Any) -> list[tuple[str, Any]]:
-    """Arrays of numbers of an HDF5 file, by name."""
+    """Arrays of numbers, and columns of text, of an HDF5 file, by name."""
+    import h5py
+
     found: list[tuple[str, Any]] = []
 
     def look(name: str, node: Any) -> None:
-        if hasattr(node, "dtype") and node.dtype.kind in "fiub" and node.shape:
+        if not hasattr(node, "dtype") or not node.shape:
+            return
+        is_text = h5py.check_string_dtype(node.dtype) is not None and node.ndim == 1 and node.size <= MOST_TEXTS
+        if node.dtype.kind in "fiub" or is_text:
             found.append((name, node))
 
     file.visititems(look)
@@ -278,7 +285,9 @@ def _runs(source: Source, columns: Columns, values: Array, step: Array) -> list[
         if len(back):
             raise InputError(f"{path}: {columns.time}, row {rows[back[0] + 1] + 1}: time runs backwards: is this the "
                              "column of time? Give each recording a file of its own, or name --recording")  # fmt: skip
-        name, of_file = (f"{where}/{number}" if columns.recording else f"{where}" for where in (path.name, path))
+        name, of_file = (
+            f"{where}/{number}" if columns.recording else f"{where}" for where in (path.name, path.resolve())
+        )
         when = time_s[rows]
         # Errors on tips left out are those of another tip.
         of_recording = of_file if columns.recording or not kind else f"{of_file}, {kind}"
@@ -321,6 +330,9 @@ def _whole(source: Source, name: str) -> npt.NDArray[np.intp]:
     """A column of numbers of touches or recordings."""
     values = source.one(name)
     _check_finite(source.path, [name], values[:, None])
+    if (wrong := np.flatnonzero(values != np.round(values))).size:
+        raise InputError(f"{source.path}: column {name}, row {wrong[0] + 1}: {values[wrong[0]]:g} is no whole number: "
+                         "number touches and recordings")  # fmt: skip
     return np.asarray(values.astype(np.intp))
 
 

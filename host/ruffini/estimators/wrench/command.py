@@ -71,7 +71,9 @@ class WrenchOptions:
     recording: RecordingOption = None
     mechanics: Annotated[
         bool,
-        typer.Option("--mechanics/--no-mechanics", help="Of boards with markers: use the pad's mechanics."),
+        typer.Option(
+            "--mechanics/--no-mechanics", " /--no-prior", help="Of boards with markers: use the pad's mechanics."
+        ),
     ] = True
     nonlinear: Annotated[
         bool, typer.Option("--nonlinear/--linear", help="Of many features: try kernels, kept where they err less.")

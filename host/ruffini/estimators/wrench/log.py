@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board, parse_board
-from ruffini.calibrate.log.columns import read_plain_log
+from ruffini.calibrate.log.columns import MOST_RAW, read_plain_log
 from ruffini.calibrate.log.reference import celsius_of_csv, reference_wrench
 from ruffini.calibrate.log.warmth import CELSIUS
 from ruffini.core.pipeline import Pipeline
@@ -187,7 +187,15 @@ def check_number(path: Path, n: int, board: Board) -> None:
 
 
 def on_board(run: FeatureRun, board: Board) -> FeatureRun:
-    """A run of a log from elsewhere with zero for what the board does not measure."""
+    """A run of a log from elsewhere with zero for what the board does not measure.
+
+    Raises
+    ------
+    InputError
+        Features beyond a board's integers.
+    """
+    if np.abs(run.features).max(initial=0.0) > MOST_RAW:
+        raise InputError(f"{run.name}: features beyond {MOST_RAW:g} steps of board {board.name!r}: check --unit")
     reference = run.reference * measured_axes(board)
     return replace(run, reference=reference)
 
