@@ -68,7 +68,7 @@ test: build
 	@npm --prefix host/page --silent test
 	@set -m; nice .ci/ctest $(BUILD) $(JOBS) & cpp=$$!; set +m; failed=; \
 	  trap 'kill -INT -- -$$cpp 2> /dev/null || true' EXIT; trap 'exit 130' INT TERM; \
-	  $(PYTEST) tests || failed=1; wait $$cpp || failed=1; [ -z "$$failed" ]
+	  $(PYTEST) tests || failed=1; wait $$cpp || { failed=1; echo "make: C++ tests FAILED, see above" >&2; }; [ -z "$$failed" ]
 endif
 
 test-realtime: build  ## the few tests that are about real time, one after the other on a quiet computer; each states its margin, none is retried

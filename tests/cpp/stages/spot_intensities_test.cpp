@@ -79,11 +79,25 @@ TEST(SpotIntensities, FollowsLampsThatAgeWhileNothingPresses) {
   scene.paint_all(102);
   for (int i = 0; i < 200; ++i) EXPECT_FALSE(scene.run(spots).is_light_wrong);
   for (const int32_t f : scene.features) EXPECT_LT(std::abs(f), SpotIntensities::kOne / 500);
-  scene.paint(5, 103);  // one spot that presses stops it
+  scene.paint_all(103);
+  scene.paint(5, 106);  // one spot 3 % off the others stops it
   scene.run(spots);
-  const int32_t pressed = scene.features[5];
+  const std::vector<int32_t> pressed = scene.features;
   for (int i = 0; i < 200; ++i) scene.run(spots);
-  EXPECT_EQ(scene.features[5], pressed);
+  EXPECT_EQ(scene.features, pressed);
+}
+
+// Lamps are followed to 25 %. Beyond that the light counts as changed.
+TEST(SpotIntensities, FollowsLampsNoFurtherThanAQuarter) {
+  Scene scene;
+  SpotIntensities spots(scene.board);
+  scene.paint_all(kLevel);
+  scene.learn(spots);
+  for (int level = kLevel; level <= 140; ++level) {
+    scene.paint_all(level);
+    for (int i = 0; i < 60; ++i) EXPECT_EQ(scene.run(spots).is_light_wrong, level >= 130) << level;
+  }
+  EXPECT_EQ(scene.features[0], (SpotIntensities::kOne * 14 * 4 / 10 + 2) / 5 - SpotIntensities::kOne);
 }
 
 TEST(SpotIntensities, FlagsLightThatChangesAtAStroke) {
@@ -120,12 +134,13 @@ TEST(SpotIntensities, FillsASaturatedOrDarkSpotFromItsNeighbours) {
   SpotIntensities spots(scene.board);
   scene.paint_all(kLevel);
   scene.paint(40, 10);
+  scene.paint(12, 255);
   scene.learn(spots);
   scene.paint_all(120);
   scene.paint(20, 255);
   scene.paint(60, 0);
   scene.paint(40, 255);  // was dark at rest
-  EXPECT_EQ(scene.run(spots).n_lost, 3);
+  EXPECT_EQ(scene.run(spots).n_lost, 4);
   const auto fifth = static_cast<int32_t>((SpotIntensities::kOne * 6 + 2) / 5 - SpotIntensities::kOne);
   for (const int32_t f : scene.features) EXPECT_EQ(f, fifth);
 }

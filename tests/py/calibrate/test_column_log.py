@@ -15,11 +15,14 @@ import numpy.typing as npt
 import pytest
 from typer.testing import CliRunner
 
+from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.log.columns import Columns, read_column_logs, read_plain_log
 from ruffini.cli.app import app
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.log import on_board
 from ruffini.estimators.wrench.report import _rms
+from ruffini.estimators.wrench.run import FeatureRun
 
 Array = npt.NDArray[np.float64]
 COLUMNS = Columns("t", ("moved",), "mm", ("wrench",), ("N", "N m"), "touch")
@@ -281,3 +284,11 @@ def test_an_axis_along_which_the_reference_measured_nothing_is_not_judged() -> N
     wrench[:, 2] = [-1, -2, -3, -4]
     frames: Any = SimpleNamespace(wrench=wrench)
     assert _rms(wrench + 0.5, frames) == [None, None, 0.5, None, None, None]
+
+
+def test_features_beyond_a_boards_integers_are_refused() -> None:
+    run = FeatureRun(
+        "a.csv", np.zeros(1), np.full((1, 100), 2.0**26 + 1), np.ones(1, bool), np.zeros(1), np.zeros((1, 6))
+    )
+    with pytest.raises(InputError, match=r"a\.csv: features beyond .* board 'fibre-skin'"):
+        on_board(run, find_board("fibre-skin"))
