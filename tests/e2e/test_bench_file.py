@@ -542,6 +542,7 @@ def test_auto_on_a_fingertip_that_a_five_axis_stage_turns(tip: TipDesk, monkeypa
     assert (result["simulated"], result["after"]["against"], result["after"]["touches"]) == (False, "the reference", 2)
     assert result["after"]["told"] > 0.5 * result["after"]["frames"]
     assert result["after"]["error"] < 75  # mN
+    assert (out / "report.html").exists()
     with Connection(tip.port) as sensor:
         assert sensor.hello.sensors[0].calibration.sha256.hex() == result["sha256"]
     checked = judged_again(tip, monkeypatch, out, "--baseline-mm", eyes_apart_mm(tip.twin.board), few={"presses": 2})
@@ -559,6 +560,7 @@ def test_auto_on_indenters_that_a_person_mounts(glitter: GlitterDesk, monkeypatc
     assert failing(result) == {}
     assert (result["simulated"], result["after"]["against"], result["after"]["touches"]) == (False, "the reference", 6)
     assert result["after"]["error"] < 10  # % of the largest normal force
+    assert (out / "report.html").exists()
     with Connection(glitter.port) as sensor:
         assert sensor.hello.sensors[0].calibration.sha256.hex() == result["sha256"]
     checked = judged_again(glitter, monkeypatch, out, few={})
