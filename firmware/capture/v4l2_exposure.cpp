@@ -88,8 +88,9 @@ std::string set_white(const Ioctl& device, const ExposureSettings& asked) {
 }
 
 Error cannot_be_told(const std::string& camera, const std::string& what) {
-  return {ErrorKind::kBadInput, "camera " + camera + " cannot be told " + what +
-                                    ": give [exposure] of board.toml numbers that the camera has, or leave that section out"};
+  return {ErrorKind::kBadInput,
+          "camera " + camera + " cannot be told " + what +
+              ": give [exposure] of board.toml numbers that the camera has, or leave that section out"};
 }
 
 }  // namespace

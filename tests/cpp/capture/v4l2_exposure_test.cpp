@@ -59,7 +59,9 @@ TEST(V4l2Exposure, WhatIsNoCameraIsSaid) {
   const auto missing = V4l2Controls::open("A", "/dev/char/0:0", kAsked);
   ASSERT_FALSE(missing);
   EXPECT_EQ(missing.error().kind, ErrorKind::kUnavailable);
-  EXPECT_NE(missing.error().message.find("/dev/char/0:0 cannot be opened to set exposure.white_kelvin"), std::string::npos) << missing.error().message;
+  EXPECT_NE(missing.error().message.find("/dev/char/0:0 cannot be opened to set exposure.white_kelvin"),
+            std::string::npos)
+      << missing.error().message;
   const auto none = V4l2Controls::open("A", "/dev/null", kAsked);
   ASSERT_FALSE(none);
   EXPECT_EQ(none.error().kind, ErrorKind::kBadInput);
