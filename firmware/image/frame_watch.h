@@ -2,10 +2,10 @@
 //
 //   samples: pairs of adjacent pixels, about every 16 px of every row; for row y
 //   level(y)  = sum of B + G + R over its samples,    rough(y) = sum of |left - right| of B + G + R
-//   broken:   a row whose difference from rest deviates from the previous row's by more than a quarter of rest and 8
-//             grey levels (a row or half a frame is missing); or 16 consecutive rows rougher than any of rest, twice over,
-//             and rougher than noise of 12 grey levels (a burst); or a column of some 40 rows that deviates from the
-//             previous one by more than half of rest and 8 grey levels (a column or a side is missing; presses on the
+//   broken:   a row whose difference from rest deviates from the previous row's by more than a quarter of rest plus 8
+//             grey levels (a row or half a frame is missing); or 16 consecutive rows rougher than twice the roughest 16
+//             of rest plus noise of 12 grey levels (a burst); or a column of some 40 rows that deviates from the
+//             previous one by more than half of rest plus 8 grey levels (a column or a side is missing; presses on the
 //             twin reach 0.47 of that)
 //   light wrong: mean of a channel below half or above twice that of rest; only of channels above 16 grey levels at rest
 //   level off: the mean of all channels differs from rest by more than a quarter. A press on a fingertip changes it by at

@@ -7,8 +7,8 @@
 //   still     frame with at least 7/8 of the samples of every channel uniform, and no marker (of boards with targets:
 //             target) more than 1/4 px from its rest position
 //   gain_c += clamp(m_c, +-1/128) / 16 in every frame from the 16th still one in a row on; 0.75 <= gain_c <= 1.25.
-//             Without visible markers still frames count with 127/128 of the samples uniform: a small contact may change
-//             the whole picture a little
+//             Without visible markers 127/128 of the samples must be uniform: a small contact may change the whole
+//             picture a little
 //
 // The map of each channel over the picture follows (image/light_map.h).
 //
@@ -24,7 +24,8 @@
 // frame's level (below), an unreliable level takes the place of the first three.
 //
 // level(): relative change of a frame's light, computed from this frame alone, for cameras that change white balance or
-// exposure with every touch: mean of the samples within 8 % of it in all three channels, three rounds starting from m.
+// exposure with every touch: starting from m, three rounds of the mean of the samples within 8 % of the round before, in
+// all three channels.
 // The calibration states whether it is used (`photometric.balance`): a contact that shades most of the picture would
 // shift it.
 //
@@ -51,8 +52,7 @@ class LightTracker {
   LightTracker(int width_px, int height_px);
 
   // Sets a new rest image and selects the samples that are used. `has_map`: false if colours are not converted to
-  // depth, as on boards with targets or features of the picture alone. Then only the gain is followed: a tray that tilts under
-  // load would look like uneven light.
+  // depth. Then only the gain is followed: a tray that tilts under load would look like uneven light.
   void learn(std::span<const uint16_t> rest, bool has_map);
   // `change`: planes of B, G and R relative to `rest`. Updates the gain of `rest` if it has moved by 1/4096, and its
   // map.

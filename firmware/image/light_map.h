@@ -2,18 +2,18 @@
 // image/light.h.
 //
 //   q_k = products of Legendre polynomials of x and y, of total order <= 4, made orthogonal over the usable samples
-//   window:  16 frames, each window after the one before; touched if a marker was off its rest in any of them
+//   window:  16 frames, without overlap; touched if a marker was off its rest in any of them
 //   r = mean of a sample over the window, relative to the map in force
 //   fit:     a_k = sum(e q_k) / sum(q_k^2), three rounds starting at the median; e = r - fit, clamped to +-1.5 % in the
 //            first round, then zero where beyond 0.5 %
 //   smooth   means: at most 1/32 of the samples are more than 1 % off the fit in any channel
-//   if smooth, not touched, and not far (below) without markers:
+//   if smooth, not touched and, without markers, not far (below):
 //            c_k += s_k = clamp(a_k / 4, +-2^-12); the rate v_k += (s_k - v_k) / 64 unless s_k was clamped
 //   else:    c_k += v_k, v_k -= v_k / 256: the lamps go on as before the contact
 //
 // A contact has edges that no polynomial of order four can follow: the samples that it shades are excluded from the
 // fit, and if they are more than a 32nd of all samples, the window is not smooth. The constant term is the gain of
-// image/light.h: it takes s_0 only while it is not followed in every frame.
+// image/light.h: it takes s_0 only while light.h does not follow it.
 //
 // `is_wrong`, any of:
 //   far       a smooth fit deviates by more than 0.4 % from its mean somewhere in the picture. With markers at rest the
@@ -21,8 +21,8 @@
 //             is not followed, and the flag stays until the light returns or rest is learned again.
 //   unlike    markers are at rest, the change is not smooth, and its fit deviates by more than 1 % from its mean: a
 //             failed lamp or a shadow.
-//   at limit  a step took a coefficient beyond +-1/8, to which it is clamped; ends with a window that does not.
-//   stale     the extrapolation since the last smooth window exceeds 1 % in a term.
+//   at limit  the last window that was followed took a coefficient beyond +-1/8, where it is clamped.
+//   stale     the extrapolation since the last window that was followed exceeds 1 % in a term.
 //
 // At 60 Hz the map follows 0.09 % a second in each term. Frame thread; no allocation after the constructor. Not in the
 // papers.

@@ -8,7 +8,7 @@
 //
 // Below 32 grey levels (512) a ratio is unreliable and could exceed the 16 bits of RelativeChange. A gain per channel
 // (image/light.h), times a factor between nodes 16 px apart (image/light_map.h; bilinear, half up), adapts the image to
-// other light: rest gain, reciprocal / gain. A new gain applies at once, a new map row by row within 16 frames.
+// other light: rest * gain, reciprocal / gain. A new gain applies at once, a new map row by row within 16 frames.
 //
 // Frame thread; no allocation after the constructor.
 #pragma once

@@ -10,8 +10,8 @@
 // `least_2` and `alone` are levels that the noise of this unit's untouched frames rarely exceeds (kind `contact` of
 // proto/CALIBRATION.md). If the calibration has them, they apply to all k, so k = 2 decides. Otherwise `least_k` is the
 // board's threshold divided by 1, 4 and 16: noise seldom raises 4 x 4 or 8 x 8 nodes at once, and a flat punch presses
-// lightly on many nodes. T is the board's threshold while the light drifts. T is at least an eighth of the strongest
-// force, so that residuals of the linear estimate around a strong contact do not count as a second contact.
+// lightly on many nodes. T is the board's threshold while the light drifts. The eighth of the strongest force keeps
+// residuals of the linear estimate around a strong contact from counting as a second contact.
 //
 // Every step is continuous in the force, so that a node at the threshold cannot switch the second pass on and off.
 // Cost: 3 passes over the nodes for each k whose T the strongest node reaches. Frame thread; no allocation after the

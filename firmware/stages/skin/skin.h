@@ -5,8 +5,8 @@
 //     picture   image/glow_regions.h, stages/skin/skin_image.h                           otherwise: the paper's method
 //   identity of touches and mean over frames (stages/skin/skin_track.h)
 //
-// Without a calibration, touches are detected but have neither position nor force. A frame is dark if half of a panel's
-// light is missing on a taxel. Its light is wrong if light enters from outside, if the whole skin is brighter or darker
+// Without a calibration, touches are detected but have neither position nor force. A frame is dark if a taxel or the
+// whole skin lost half its light. Its light is wrong if light enters from outside, if the whole skin is brighter or darker
 // than at rest by kWrongLight, or if the curve of grey levels has changed. Frame thread; no allocation after load().
 #pragma once
 

@@ -1,4 +1,4 @@
-// Dark discs on what carries the pad (image/targets.h), and the same as marks that hide the surface.
+// Dark discs on what carries the pad (image/targets.h), also as marks that hide the surface.
 #include <algorithm>
 #include <vector>
 

@@ -25,13 +25,14 @@ namespace client = ruffini::client;
 namespace {
 
 constexpr int kTries = 6;
-constexpr double kTickS = 1.0 / 60;            // period of the control loop
-constexpr double kReplyS = 0.5, kTimeS = 1.0;  // until a question is repeated; between two exchanges of time
-constexpr double kDrift = 3e-4;                // of the clocks, at most
-constexpr double kTimeOldS = 5.0;              // the clock's error is unknown if TIME was not answered for so long
-constexpr double kSilenceS = 3.0;              // STATUS comes once a second: without it line or subscription is gone
-constexpr double kNoFrameS = 5.0;              // until a stalled camera is reported
-constexpr double kAwayS = 10.0;                // until the program gives up on a lost line
+constexpr double kTickS = 1.0 / 60;  // period of the control loop
+constexpr double kReplyS = 0.5;      // a question is repeated if there is no reply
+constexpr double kTimeS = 1.0;       // between two exchanges of TIME
+constexpr double kDrift = 3e-4;      // of the clocks, at most
+constexpr double kTimeOldS = 5.0;    // the clock's error is unknown if TIME was not answered for so long
+constexpr double kSilenceS = 3.0;    // STATUS comes once a second: without it line or subscription is gone
+constexpr double kNoFrameS = 5.0;    // until a stalled camera is reported
+constexpr double kAwayS = 10.0;      // until the program gives up on a lost line
 
 // Limits of this program. Yours follow from the robot's speed and from the force that does harm.
 constexpr double kMaxAgeS = 0.1, kMaxSigmaN = 0.05;
@@ -69,7 +70,7 @@ class Port {
   ~Port() {
     if (fd_ < 0) return;
     ioctl(fd_, TIOCNXCL);
-    tcflush(fd_, TCOFLUSH);  // closing would wait for what a dead line never takes
+    tcflush(fd_, TCOFLUSH);  // else close() waits for a dead line
     close(fd_);
   }
 
@@ -323,7 +324,7 @@ int main(int argc, char** argv) {
   Printer printer(argv[1], argc > 2 ? std::strtol(argv[2], nullptr, 10) : -1);
   double connected_s = 0.0;
   while (!printer.is_done()) {
-    Port port(argv[1]);  // by /dev/ruffini/SERIAL it is found again on any socket
+    Port port(argv[1]);  // /dev/ruffini/SERIAL finds it at any USB port
     std::string problem = printer.connect(port);
     printer.watch_damage(port);
     if (problem.empty()) {

@@ -27,7 +27,8 @@ from ruffini.wire.framing import MAX_MESSAGE_BYTES
 
 NO_REFERENCE = "FLAG_NO_REFERENCE"
 DENSE_HZ = 20.0  # of fields and markers: a few are kept, and the host has to read all that comes
-BAD_FLAGS = (NO_REFERENCE, "FLAG_MARKERS_LOST", "FLAG_SATURATED", "FLAG_OVER_RANGE", "FLAG_DARK", "FLAG_OVEREXPOSED")
+BAD_FLAGS = (NO_REFERENCE, "FLAG_MARKERS_LOST", "FLAG_SATURATED", "FLAG_DARK", "FLAG_OVEREXPOSED")
+OVER_RANGE = "FLAG_OVER_RANGE"
 
 
 class Pace(NamedTuple):
@@ -87,6 +88,15 @@ class Watched(NamedTuple):
     session: str
 
 
+def bad_flags_of(board: Board) -> tuple[str, ...]:
+    """Flags of a frame that no log should hold.
+
+    Over range is a bound of the gel where the board measures displacements, else of the calibration in force, which a
+    new log may be there to extend.
+    """
+    return (*BAD_FLAGS, OVER_RANGE) if board.writes("displacement") else BAD_FLAGS
+
+
 def sent_image_bytes(width_px: int, height_px: int) -> int:
     """Size of a picture on the line: decimated until it fits one message (proto/README.md)."""
     sizes = (3 * (width_px // step) * (height_px // step) for step in itertools.count(1))
@@ -105,7 +115,8 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
     if board.name not in (boards := [described.board for described in sensor.hello.sensors]):
         raise InputError(f"{sensor.port} is of board {', '.join(boards)}, not {board.name}: give --board accordingly")
     names = {1 << i: sensor.schema.enum_names("FlagBit", 1 << i) for i in range(32)}
-    bits = {found[0]: bit for bit, found in names.items() if found and found[0] in BAD_FLAGS}
+    bad = bad_flags_of(board)
+    bits = {found[0]: bit for bit, found in names.items() if found and found[0] in bad}
     camera = board.camera
     frame_hz = pace.frame_hz or camera.rate_mhz * 1e-3
     dense_every = max(1, round(camera.rate_mhz * 1e-3 / DENSE_HZ))

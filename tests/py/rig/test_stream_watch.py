@@ -8,7 +8,9 @@ from types import SimpleNamespace
 import pytest
 from hang import until
 
+from ruffini.boards import find_board
 from ruffini.rig import stream_watch
+from ruffini.rig.session import OVER_RANGE, bad_flags_of
 from ruffini.rig.stream_watch import StreamWatch, Window
 from ruffini.wire import Schema
 
@@ -84,3 +86,9 @@ def test_what_arrived_long_ago_is_freed(monkeypatch):
         assert [f.frame for f in watch.since(0).frames] == [2, 3]
         watch.forget(14.9)
         assert [f.frame for f in watch.since(0).frames] == [3]
+
+
+@pytest.mark.parametrize(("board", "is_bad"), [("gelslim", True), ("ftouch", False), ("digit-tactile", False)])
+def test_a_touch_beyond_a_calibration_extends_it(board: str, is_bad: bool) -> None:
+    """Over range is a bound of the gel only where displacements are measured."""
+    assert (OVER_RANGE in bad_flags_of(find_board(board))) is is_bad

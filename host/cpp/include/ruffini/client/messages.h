@@ -98,8 +98,7 @@ struct Measured {
 
 struct Wrench {
   Stamp stamp;
-  // x, y, z. Of a skin z is the sum of its touches' forces along their local normals, no component: use
-  // SkinTouch::normal_force_n.
+  // x, y, z. On a skin z is no component but the sum of its touches' normal forces: use SkinTouch::normal_force_n.
   std::array<Measured, 3> force_n;
   std::array<Measured, 3> torque_n_m;  // about the origin
   // Covariance of (fx, fy, fz, tx, ty, tz), N and N m; nullopt if it is not VALID: absent does not mean zero. Entries of
@@ -209,12 +208,11 @@ struct FlowParts {
 };
 
 struct Contact {
-  uint32_t id = 0;       // rank in this frame; of a skin it stays with the touch
-  double area_m2 = 0.0;  // as sent, whatever the validity; of skins and fingertips 0: not known
-  std::array<double, 2>
-      center_m{};  // centre of pressure, as sent, whatever the validity; of a skin on the unrolled skin
-  std::array<Measured, 3> force_n;  // x, y, z; of a skin z along the local normal
-  Measured peak_depth_m;            // lowest u_z, negative where pressed
+  uint32_t id = 0;                   // rank in this frame; of a skin it stays with the touch
+  double area_m2 = 0.0;              // as sent, whatever the validity; 0: not known (skins)
+  std::array<double, 2> center_m{};  // centre of pressure, as sent, whatever the validity; a skin's: on it unrolled
+  std::array<Measured, 3> force_n;   // x, y, z; of a skin z along the local normal
+  Measured peak_depth_m;             // lowest u_z, negative where pressed
   SlipState slip_state = SlipState::kNotMeasured;
   // NaN if not measured or not known yet.
   double shear_ratio = kNaN;     // |F_t| / |F_n|
@@ -280,7 +278,7 @@ struct SensorInfo {
   bool is_calibrated = false;             // the next three are of this calibration
   bool has_development_key = false;       // signed with the public development key: anybody can make one
   bool is_on_trial = false;               // not confirmed yet: a restart restores the previous one
-  std::string calibration_summary;        // of its report's gates: "passed", or which failed; empty: no report
+  std::string calibration_summary;        // checks of its report: "passed", or which failed; empty: no report
 
   // Of FIELD's node on the undeformed pad.
   [[nodiscard]] std::array<double, 2> position_m_at(size_t node) const;
