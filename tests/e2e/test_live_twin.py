@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from daemon_time import DaemonTime
 from hand_twin import HandTwin, listen, settle, stalling_host
-from hang import HANG_S, finished, until
+from hang import HANG_S, Patience, finished, until
 from test_bad_input import run_host
 from tiny_twin import Twin
 
@@ -62,7 +62,7 @@ def test_a_controller_closes_the_loop(twin: Twin, tmp_path: Path) -> None:
     """Push until the sensor says 1 N; the truth then agrees within a quarter, and the ball is not at its limit."""
     steered = Steered(twin.unit, Indenter("sphere", 3 * MM))
     with TwinServer(twin.unit.renderer(), steered, Scenario(), tmp_path / "twin"), connected(twin, tmp_path) as sensor:
-        depth, pressed = 0.0, None
+        depth, pressed, patience = 0.0, None, Patience()
         for count, (is_simulated, message) in enumerate(wrenches(sensor)):
             assert is_simulated
             if flags(sensor, message) - {"FLAG_REST_UNVERIFIED"}:  # of a new store's first start
@@ -75,7 +75,7 @@ def test_a_controller_closes_the_loop(twin: Twin, tmp_path: Path) -> None:
             if count % 5 == 0:
                 depth = min(depth + 0.04, 1.2)
                 steered.move_to(Pose(MM, 0.5 * MM, depth * MM))
-            assert count < 1500, "the force never came"
+            assert not patience.is_over(), "the force never came"
     assert pressed is not None
     assert depth < 1.2
 

@@ -23,7 +23,7 @@ NOT_RUN = {
     "cmake -G Ninja -S . -B /root/build -DRUFFINI_PAGE=OFF && cmake --build /root/build --target ruffini_capture_tests":
         "goes on a line of .ci/in-root, which wants root",
     "ruffini record run.mcap --n 600": "test_host_readme.py, with fewer frames",
-    ".venv/bin/ruffini sim serve --board gelslim --socket out/twin &": 
+    ".venv/bin/ruffini sim serve --board gelslim --socket out/twin &":
         "serves until it is stopped; test_examples.py has both",
     "build/ruffinid --board boards/gelslim --camera twin:out/twin --link pty:out/tty --store out/store --factory "
     "out/run/calibration.safetensors": "likewise",

@@ -49,7 +49,7 @@ def chosen_unit(camera: str | None, board_name: str | None) -> tuple[Source, Boa
         return [find_board(name) for name in board_names()]
 
     board = find_board(board_name) if board_name else None
-    if camera and not camera.startswith("/dev/") and Path(camera).exists():
+    if camera and (Path(camera).is_file() or Path(camera).is_dir()):  # a device is neither
         source = unit.of_recording(Path(camera))
         if board is None:
             size = unit.picture_size(Path(camera))

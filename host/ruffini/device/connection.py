@@ -19,22 +19,10 @@ from ruffini.device.ports import candidate_ports, open_port
 from ruffini.device.pty_name import KnownPort
 from ruffini.device.writer import Writer
 from ruffini.errors import LineLostError, NoDeviceError, RefusedError, RuffiniError
+from ruffini.patience import PATIENCE
 from ruffini.wire import Decoder, Frame, Schema, encode_message
 from ruffini.wire.damage import DamageWatch
 
-MOST_PATIENCE = 1e3
-
-
-def _patience() -> float:
-    """RUFFINI_PATIENCE, 1 or more: factor on the wait for answers and frames, for a computer that is far too busy."""
-    try:
-        told = float(os.environ.get("RUFFINI_PATIENCE", "1"))
-    except ValueError:
-        return 1.0
-    return told if 1 <= told <= MOST_PATIENCE else 1.0
-
-
-PATIENCE = _patience()
 BUSY_HELLO_S = 20.0  # a busy device answers late: it is asked for so long while it sends messages
 HELLO_TIMEOUT_S = min(2.0 * PATIENCE, BUSY_HELLO_S)
 REPLY_TIMEOUT_S, TRIES = 0.5, 12

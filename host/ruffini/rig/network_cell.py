@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from ruffini import host_clock
 from ruffini.errors import InputError, NoDeviceError
+from ruffini.patience import PATIENCE
 from ruffini.rig.reference import Facts, Reading
 from ruffini.rig.units import force_factor, torque_factor
 
@@ -29,7 +30,7 @@ RECORD = struct.Struct(">3I6i")
 MAGIC = 0x1234
 STOP, STREAM = 0, 2
 ERROR_BIT, SATURATED_BIT = 1 << 31, 1 << 17
-HTTP_TIMEOUT_S = 3.0
+HTTP_TIMEOUT_S = 3.0 * PATIENCE
 POLL_S = 0.1  # between two looks at how long it has been silent
 MAX_PAGE_BYTES = 1 << 20
 

@@ -25,6 +25,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 
 from ruffini.errors import InputError, NoDeviceError, RuffiniError
 from ruffini.native import native_folder
+from ruffini.patience import PATIENCE
 from ruffini.view.line import Line
 from ruffini.view.outbox import Outbox
 from ruffini.wire import Decoder
@@ -32,6 +33,7 @@ from ruffini.wire import Decoder
 HOST = "127.0.0.1"
 IN_FLIGHT = 2  # binary messages that the page has not seen yet
 MAX_COMMAND_BYTES = 8192  # two frames
+HEARTBEAT_S = 10 * PATIENCE  # a page that does not answer within half of it is gone
 # Nothing from elsewhere, neither scripts nor pictures.
 POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; connect-src 'self' "
@@ -98,7 +100,7 @@ async def _socket(request: web.Request) -> web.WebSocketResponse:
     number = int(request.match_info["line"])
     if number >= len(lines):
         raise web.HTTPNotFound(text=f"there is no line {number}")
-    socket = web.WebSocketResponse(heartbeat=10, max_msg_size=MAX_COMMAND_BYTES, compress=False)
+    socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_COMMAND_BYTES, compress=False)
     await socket.prepare(request)
     line, box, seen = lines[number], Outbox(), asyncio.Semaphore(IN_FLIGHT)
     line.boxes[box] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ruffini.device import connection
+from ruffini import patience
 
 
 @pytest.mark.parametrize(
@@ -15,4 +15,4 @@ def test_a_number_of_at_least_1_counts(told: str | None, factor: float, monkeypa
     monkeypatch.delenv("RUFFINI_PATIENCE")
     if told is not None:
         monkeypatch.setenv("RUFFINI_PATIENCE", told)
-    assert connection._patience() == factor
+    assert patience._patience() == factor

@@ -53,8 +53,10 @@ def test_a_strangers_line_under_the_old_name_is_left_alone(tmp_path: Path, by_li
     assert not known.is_stale()
     line.close()
     open_port(port, known).close()  # it is the same: a line that was only closed is opened again
+    number = os.open(first.name, os.O_RDWR | os.O_NOCTTY)  # until this is closed, nobody gets the number
     first.close()
     assert known.is_stale() is not by_link, "a link may be made again; the number may not"
+    os.close(number)
     with stranger_at(first.name) as stranger:
         with pytest.raises(NoDeviceError, match=f"{port} is gone, and its name may be another program's"):
             open_port(port, known)
