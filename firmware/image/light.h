@@ -1,6 +1,6 @@
 // Follows the drift of lamps and exposure: one gain per channel, updated while nothing touches the pad.
 //
-//   sample    mean of d over 8 x 2 pixels, one for each 16 x 8; used if rest has 32 to 220 grey levels in all of them
+//   sample    mean change of 8 x 2 pixels, one for each 16 x 8; used if rest has 32 to 220 grey levels in all of them
 //             and no edge of a dot
 //   m         median of a channel's samples
 //   uniform   samples within 1.5 % of their channel's m
@@ -10,7 +10,7 @@
 //             Without visible markers 127/128 of the samples must be uniform: a small contact may change the whole
 //             picture a little
 //
-// The map of each channel over the picture follows (image/light_map.h).
+// image/light_map.h follows each channel's drift over the picture.
 //
 // One gain per channel cannot take a contact's shape, and a moved marker or a shaded eighth of the picture stops it: a
 // static contact is never learned. At 60 Hz it follows 2.9 % per second. `is_wrong`: the light differs from that at
@@ -60,8 +60,8 @@ class LightTracker {
 
   [[nodiscard]] bool is_wrong() const { return is_wrong_ || map_.is_wrong(); }
   [[nodiscard]] const LightMap& map() const { return map_; }
-  // Values for `more_q12` below. 2.5 %: a large object raises 1 sample in 17 on the real recordings tried, presses on
-  // the twin 1 in 100. 8 % with targets: a load may bring their tray (image/targets.h) closer to all lamps.
+  // Values for `more_q12` below. Above 2.5 % a large object raises 1 sample in 17 on the real recordings tried, presses
+  // on the twin 1 in 100. 8 % with targets: a load may bring their tray (image/targets.h) closer to all lamps.
   static constexpr int kDaylightQ12 = 102;
   static constexpr int kDaylightOnTrayQ12 = 328;
   // Returns true if an eighth of the samples exceed `level` by more than `more_q12` in all three channels. With lamps
@@ -71,7 +71,7 @@ class LightTracker {
   // 2 %: presses on the twin reach 0.9 %, recorded ones on a real pad 0.7 %.
   static constexpr int kSideQ12 = 82;
   // Returns true if the medians of two opposite outer thirds of the picture differ by more than kSideQ12 in all three
-  // channels, the same third being the brighter one in each, and each has 4 samples or more. No contact that leaves half
+  // channels, the same third brighter in each, and both thirds have 4 samples or more. No contact that leaves half
   // of each third free causes this, nor does a camera's white balance. Not for skins that darken with depth.
   [[nodiscard]] bool is_lit_from_one_side();
   // Level of the last frame. It is unreliable if fewer than an eighth of the samples agree, or if a channel's level

@@ -4,8 +4,8 @@
 //   q_k = products of Legendre polynomials of x and y, of total order <= 4, made orthogonal over the usable samples
 //   window:  16 frames, without overlap; touched if a marker was off its rest in any of them
 //   r = mean of a sample over the window, relative to the map in force
-//   fit:     a_k = sum(e q_k) / sum(q_k^2), three rounds starting at the median; e = r - fit, clamped to +-1.5 % in the
-//            first round, then zero where beyond 0.5 %
+//   fit:     median + sum(a_k q_k), three rounds of a_k += sum(e q_k) / sum(q_k^2); e = r - fit, clamped to +-1.5 % in
+//            the first round, then zero where beyond 0.5 %
 //   smooth   means: at most 1/32 of the samples are more than 1 % off the fit in any channel
 //   if smooth, not touched and, without markers, not far (below):
 //            c_k += s_k = clamp(a_k / 4, +-2^-12); the rate v_k += (s_k - v_k) / 64 unless s_k was clamped
@@ -13,7 +13,7 @@
 //
 // A contact has edges that no polynomial of order four can follow: the samples that it shades are excluded from the
 // fit, and if they are more than a 32nd of all samples, the window is not smooth. The constant term is the gain of
-// image/light.h: it takes s_0 only while light.h does not follow it.
+// image/light.h: s_0 is added only while light.h does not change it.
 //
 // `is_wrong`, any of:
 //   far       a smooth fit deviates by more than 0.4 % from its mean somewhere in the picture. With markers at rest the
@@ -54,7 +54,7 @@ class LightMap {
 
   // A new rest image is in force. `sample_at`: first pixel of each sample (image/light.h).
   void learn(std::span<const int32_t> sample_at);
-  // Takes one frame. `gain`: that of image/light.h; changed if the gain is not followed by single frames. True if the
+  // Takes one frame. `gain`: that of image/light.h; changed here only if light.h does not follow it. True if the
   // map has changed by more than 1/2048 somewhere since run() last returned true.
   [[nodiscard]] bool run(const Samples& sample, PadState pad, bool is_gain_followed, Rest::Gain& gain);
 
@@ -91,7 +91,7 @@ class LightMap {
 
   std::array<Terms, 3> coefficient_{};   // Q24; the constant term is 0
   std::array<Terms, 3> rate_{};          // a window, Q32
-  std::array<Terms, 3> extrapolated_{};  // since the last smooth window, Q32
+  std::array<Terms, 3> extrapolated_{};  // since the last window that was followed, Q32
   Rest::Gain gain_before_ = Rest::unit_gain();
   std::vector<int32_t> factor_;    // planes of B, G and R
   std::vector<int32_t> in_force_;  // values when run() last returned true

@@ -166,7 +166,7 @@ enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, 
 struct SkinTouch {
   std::array<double, 3> place_m{};         // of its centre on the undeformed skin
   std::array<double, 3> normal_force_n{};  // along the local normal
-  double force_sigma_n = kNaN;             // standard deviations
+  double force_sigma_n = kNaN;             // of Contact::force_n[2]
   double center_sigma_m = kNaN;            // of Contact::center_m
 };
 
@@ -176,16 +176,16 @@ struct ToolTouch {
   double way_m = kNaN;                       // travel of the tool since it touched
   double roll_rad = kNaN, pitch_rad = kNaN;  // of the fingertip under the tool, about x, then about y
   std::array<double, 3> normal_force_n{};    // along the tool's axis, in the camera's axes
-  double force_sigma_n = kNaN;               // standard deviations
+  double force_sigma_n = kNaN;               // of Contact::force_n[2]
   std::array<double, 2> place_sigma_m{};
   double way_sigma_m = kNaN, roll_sigma_rad = kNaN, pitch_sigma_rad = kNaN;
   double face_area_sigma_m2 = kNaN;                       // of Contact::area_m2
-  double flat_area_m2 = kNaN, flat_area_sigma_m2 = kNaN;  // area of the wall that lies in the tool's plane
+  double flat_area_m2 = kNaN, flat_area_sigma_m2 = kNaN;  // part of the fingertip in the tool's plane
 };
 
 enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
 
-// Results of the contact models on a texture's flow.
+// From the motion of the pad's texture in the image. The numbers after a validity are NaN unless it is VALID.
 struct ContactModel {
   ContactKind kind = ContactKind::kNotTold;
   double kind_confidence = kNaN;                        // 0.5 to 1
@@ -200,7 +200,7 @@ struct ContactModel {
   double moment_by_flow_n_m = 0.0;                      // as sent, whatever the validity
 };
 
-// Components of a texture's flow, as sent, whatever the validity.
+// Components of the texture's motion, as sent, whatever the validity.
 struct FlowParts {
   double curl_free_m = 0.0;        // mean magnitude of the gradient
   double divergence_free_m = 0.0;  // magnitude of the mean of the remainder
@@ -209,10 +209,10 @@ struct FlowParts {
 
 struct Contact {
   uint32_t id = 0;                   // rank in this frame; of a skin it stays with the touch
-  double area_m2 = 0.0;              // as sent, whatever the validity; 0: not known (skins)
-  std::array<double, 2> center_m{};  // centre of pressure, as sent, whatever the validity; a skin's: on it unrolled
+  double area_m2 = 0.0;              // as sent, whatever the validity; 0: not known
+  std::array<double, 2> center_m{};  // centre of pressure, as sent, whatever the validity; skins: unrolled flat
   std::array<Measured, 3> force_n;   // x, y, z; of a skin z along the local normal
-  Measured peak_depth_m;             // lowest u_z, negative where pressed
+  Measured peak_depth_m;             // lowest shift along z, negative: pressed
   SlipState slip_state = SlipState::kNotMeasured;
   // NaN if not measured or not known yet.
   double shear_ratio = kNaN;     // |F_t| / |F_n|
@@ -228,7 +228,8 @@ struct Contact {
   std::optional<FlowParts> flow_parts;
 };
 
-// The last squeeze of an object, until the next one. NaN unless VALID; infinite: as hard as a rigid object.
+// The last squeeze of an object, until the next one. NaN unless VALID; an infinite modulus is a rigid object's, an
+// infinite upper limit none.
 struct Softness {
   Validity validity = Validity::kNotMeasured;
   uint32_t squeeze = 0;      // number of squeezes since rest was learned, this one included
@@ -280,7 +281,7 @@ struct SensorInfo {
   bool is_on_trial = false;               // not confirmed yet: a restart restores the previous one
   std::string calibration_summary;        // checks of its report: "passed", or which failed; empty: no report
 
-  // Of FIELD's node on the undeformed pad.
+  // x, y of FIELD's node on the undeformed pad.
   [[nodiscard]] std::array<double, 2> position_m_at(size_t node) const;
 };
 
@@ -314,8 +315,8 @@ struct Reply {
   std::string text;   // for people
 };
 
-// Answer to Encoder::ask_time. With the host's clock at the request, t_request, and at the answer, t_answer, host minus
-// device is (t_request + t_answer - received_us - sent_us) / 2. Its error is at most half of
+// Answer to Encoder::ask_time. If the host's clock, in us, is t_request at the request and t_answer at the answer, host
+// minus device is (t_request + t_answer - received_us - sent_us) / 2. Its error is at most half of
 // (t_answer - t_request) - (sent_us - received_us), plus the drift of the clocks since (below 300 ppm).
 struct Time {
   uint64_t token = 0;
