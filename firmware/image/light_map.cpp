@@ -179,7 +179,11 @@ void LightMap::end_window(bool is_gain_followed, Rest::Gain& gain) {
   for (size_t c = 0; c < 3; ++c) fit(c, a[c]);
   const auto n_out = static_cast<size_t>(std::count(is_out_.begin(), is_out_.end(), uint8_t{1}));
   const bool is_smooth = n_out * kOutShare <= n_samples_;
-  is_unmatched_ = is_smooth ? farthest_q16_ > kFarQ16 : pad_ == PadState::kAtRest && farthest_q16_ > kUnlikeQ16;
+  if (is_smooth) {
+    is_unmatched_ = farthest_q16_ > kFarQ16;
+  } else if (pad_ == PadState::kAtRest) {
+    is_unmatched_ = farthest_q16_ > kUnlikeQ16;
+  }
   if (!is_smooth || (is_unmatched_ && pad_ == PadState::kUnknown)) return extrapolate(gain);
   follow(a, is_gain_followed, gain);
 }

@@ -18,7 +18,8 @@
 // `is_wrong`, any of:
 //   far       a smooth fit deviates by more than 0.4 % from its mean somewhere in the picture. With markers at rest the
 //             map follows, and the flag ends once it has. Without markers the change could be a large smooth object: it
-//             is not followed, and the flag stays until the light returns or rest is learned again.
+//             is not followed, and the flag stays, also while a press has edges, until the light returns or rest is
+//             learned again.
 //   unlike    markers are at rest, the change is not smooth, and its fit deviates by more than 1 % from its mean: a
 //             failed lamp or a shadow.
 //   at limit  the last window that was followed took a coefficient beyond +-1/8, where it is clamped.

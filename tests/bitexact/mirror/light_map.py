@@ -147,7 +147,8 @@ class LightMap:
         level = level + round_shift(a[:, 0] - 256 * level, 8)
         farthest = int(np.abs(fitted - level).max())
         if 32 * n_out > len(r):
-            self.is_far = pad == 2 and farthest > UNLIKE
+            if pad == 2:
+                self.is_far = farthest > UNLIKE
             return self._extrapolate(gain)
         self.is_far = farthest > FAR
         if self.is_far and pad == 1:

@@ -107,6 +107,17 @@ TEST(LightMap, APartOfALampThatFailsIsNotFollowedAndSaid) {
   EXPECT_FALSE(unmarked.map.is_wrong());
 }
 
+TEST(LightMap, WithoutMarkersAPressDoesNotEndTheFlagOfChangedLight) {
+  const auto tilted = [](double u, double) { return 0.02 * u; };
+  const auto pressed = [&](double u, double v) { return tilted(u, v) - (u * u + v * v < 0.3 ? 0.1 : 0.0); };
+  Picture picture;
+  picture.show(1, tilted, PadState::kUnknown);
+  picture.show(5, pressed, PadState::kUnknown);
+  EXPECT_TRUE(picture.map.is_wrong());
+  picture.show(1, [](double, double) { return 0.0; }, PadState::kUnknown);
+  EXPECT_FALSE(picture.map.is_wrong());
+}
+
 TEST(LightMap, WithoutMarkersALargeSmoothObjectIsNotLearned) {
   Picture picture;
   const auto tilted = [](double u, double) { return 0.02 * u; };
