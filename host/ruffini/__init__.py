@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         synchronized,
         synchronized_async,
     )
+    from ruffini.live.unit import local_camera
     from ruffini.record import Recording
 
 __all__ = [
@@ -35,9 +36,11 @@ __all__ = [
     "__version__",
     "connect",
     "connect_async",
+    "local_camera",
     "synchronized",
     "synchronized_async",
 ]
+HOMES = {"Recording": "ruffini.record", "local_camera": "ruffini.live.unit"}  # of all others: ruffini.api
 
 
 def __dir__() -> list[str]:
@@ -47,6 +50,5 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     """The API, when it is first asked for: `ruffini --help` needs none of it."""
     if name in __all__:
-        home = "ruffini.record" if name == "Recording" else "ruffini.api"
-        return getattr(importlib.import_module(home), name)
+        return getattr(importlib.import_module(HOMES.get(name, "ruffini.api")), name)
     raise AttributeError(f"module 'ruffini' has no attribute {name!r}")

@@ -29,10 +29,15 @@ def test_python(sensor: Sensor, tmp_path: Path) -> None:
         with Connection(left.port) as host:
             record_stream(host, tmp_path / "run.mcap", n_frames=10)
         ports = f"LEFT, RIGHT = {left.port!r}, {right.port!r}\n"
-        program = [sys.executable, "-c", ports + "\n".join(blocks("python"))]
-        done = finished(program, cwd=tmp_path, env={**os.environ, "RUFFINI_PORT": left.port})
+        text = "\n".join(blocks("python"))
+        own = f"local_camera({str(sensor.recording)!r}, {str(sensor.board.folder)!r})"
+        assert 'local_camera("DIGIT")' in text
+        program = [sys.executable, "-c", ports + text.replace('local_camera("DIGIT")', own)]
+        environment = {**os.environ, "RUFFINI_PORT": left.port, "XDG_STATE_HOME": str(tmp_path / "state")}
+        done = finished(program, cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr
     assert "left ('tiny',)" in done.stdout
+    assert (tmp_path / "state").is_dir(), "a camera of this computer keeps its calibration there"
     assert done.stdout.rstrip().splitlines()[-1].startswith("[")
 
 

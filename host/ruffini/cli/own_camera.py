@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -34,31 +33,10 @@ def own_camera(camera: str, board_name: str | None) -> Iterator[str]:
 
 
 def chosen_unit(camera: str | None, board_name: str | None) -> tuple[Source, Board]:
-    """Source of frames and board of a sensor at this computer; a person at a terminal chooses where several fit.
+    """As `ruffini.live.unit.choose`; of several boards a person at a terminal chooses."""
+    from ruffini.live.unit import choose
 
-    Parameters
-    ----------
-    camera : a camera's path, serial number or a part of its name, a video, or a folder of pictures; None: the only
-        camera.
-    board_name : name of a board, or a folder with a board.toml; None: by USB identity or picture size.
-    """
-    from ruffini.boards import board_names, find_board
-    from ruffini.live import cameras, unit
-
-    def all_boards() -> list[Board]:
-        return [find_board(name) for name in board_names()]
-
-    board = find_board(board_name) if board_name else None
-    if camera and (Path(camera).is_file() or Path(camera).is_dir()):  # a device is neither
-        source = unit.of_recording(Path(camera))
-        if board is None:
-            size = unit.picture_size(Path(camera))
-            board = _asked(cameras.boards_of_size(all_boards(), *size), f"{camera} ({size[0]}x{size[1]})")
-    else:
-        chosen = cameras.choose_camera(cameras.local_cameras(), camera)
-        source = unit.of_camera(chosen)
-        board = board or _asked(cameras.boards_of_camera(all_boards(), chosen), chosen.text)
-    return source, board
+    return choose(camera, board_name, _asked)
 
 
 def _asked(boards: Sequence[Board], what: str) -> Board:

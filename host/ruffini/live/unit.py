@@ -5,15 +5,22 @@ from __future__ import annotations
 import contextlib
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ruffini.boards import Board
+from ruffini.boards import Board, board_names, find_board
 from ruffini.daemon import Daemon, started_daemon
 from ruffini.errors import InputError
 from ruffini.frames import read_frames
-from ruffini.live.cameras import LocalCamera
+from ruffini.live.cameras import (
+    LocalCamera,
+    boards_of_camera,
+    boards_of_size,
+    choose_camera,
+    local_cameras,
+    the_one,
+)
 from ruffini.live.folders import CALIBRATIONS, unit_folder
 from ruffini.live.recording_server import RecordingServer
 
@@ -39,6 +46,62 @@ def of_camera(camera: LocalCamera) -> Source:
 def of_recording(path: Path) -> Source:
     """A video or a folder of pictures, again and again; the stream is marked as a replay."""
     return Source(path, ("--loop",), str(path), f"recording-{path.resolve().stem}")
+
+
+def choose(
+    camera: str | None, board_name: str | Path | None, pick: Callable[[Sequence[Board], str], Board] = the_one
+) -> tuple[Source, Board]:
+    """Where frames come from, and the board that they are of.
+
+    Parameters
+    ----------
+    camera : a camera's path, serial number or a part of its name, a video, or a folder of pictures; None: the only
+        camera.
+    board_name : name of a board, or a folder with a board.toml; None: by USB identity or picture size.
+    pick : of boards that fit, and what they fit.
+
+    Raises
+    ------
+    RuffiniError
+        No or several cameras or boards fit.
+    """
+
+    def all_boards() -> list[Board]:
+        return [find_board(name) for name in board_names()]
+
+    board = find_board(board_name) if board_name else None
+    if camera and (Path(camera).is_file() or Path(camera).is_dir()):  # a device is neither
+        if board is None:
+            size = picture_size(Path(camera))
+            board = pick(boards_of_size(all_boards(), *size), f"{camera} ({size[0]}x{size[1]})")
+        return of_recording(Path(camera)), board
+    chosen = choose_camera(local_cameras(), camera)
+    return of_camera(chosen), board or pick(boards_of_camera(all_boards(), chosen), chosen.text)
+
+
+@contextlib.contextmanager
+def local_camera(camera: str | None = None, board: str | Path | None = None) -> Iterator[str]:
+    """Run the firmware on a camera at this computer while the block lasts; its port, for `ruffini.connect`.
+
+    Parameters
+    ----------
+    camera, board : as of `choose`. The calibration is this unit's: the one that `ruffini live` and `ruffini --camera`
+        flash.
+
+    Raises
+    ------
+    RuffiniError
+        No or several cameras or boards fit, or ruffinid does not start.
+
+    Examples
+    --------
+    >>> import ruffini
+    >>> with ruffini.local_camera("DIGIT") as port, ruffini.connect(port) as sensor:  # doctest: +SKIP
+    ...     print(sensor.read().wrench.force)
+    """
+    source, its_board = choose(camera, board)
+    with running_unit(source, its_board) as daemon:
+        yield daemon.port
 
 
 def picture_size(path: Path) -> tuple[int, int]:
