@@ -31,7 +31,7 @@ from ruffini.estimators.contact_model.perceptron import Perceptron, run_tables, 
 from ruffini.estimators.contact_model.wrench import RIDGE_PX2, moment_per_flow
 from ruffini.estimators.wrench.fit import Fit
 from ruffini.estimators.wrench.log import Features
-from ruffini.estimators.wrench.model import AXES, PAIRS, TIMES_S, WrenchMap
+from ruffini.estimators.wrench.model import AXES, PAIRS, TIMES_S, WrenchMap, barely_loaded
 from ruffini.estimators.wrench.tables import tables as wrench_tables
 
 Array = npt.NDArray[np.float64]
@@ -294,7 +294,7 @@ def _wrench_fit(board: Board, fit: ContactFit) -> Fit:
     gain = fit.model.wrench.gain / PX
     n = gain.shape[1]
     told = np.array([name not in board.board.not_measured for name in QUANTITIES])
-    told &= np.any([p.force.any(axis=0) for p in presses], axis=0)
+    told &= np.any([p.force.any(axis=0) for p in presses], axis=0) & ~barely_loaded(full)
     condition = float(np.linalg.cond((gain / full[:, None])[told]))
     rows *= told
     found = WrenchMap(gain, full * told, np.zeros((6, len(PAIRS[0]))), np.zeros((len(TIMES_S), 6)), np.zeros((n, 27)),

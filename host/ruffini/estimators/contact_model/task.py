@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 
 LEAST_SHAPES, LEAST_HARDNESSES = 2, 3  # each flat shape is judged by a fit without it
 MAX_SHORE_A = 16.0  # RMS of hardness on sizes left out: twice what the paper has, since few presses begin with more
+JUDGED_DEPTH = 0.9  # of the fitted presses'
 TOOL_PLACE_M = (2.2e-3, 1.8e-3)  # from the middle: the texture beside the contact is what tells
 
 
@@ -59,6 +60,11 @@ def indents(span: Span, n: int, seed: int) -> Sequence[Item]:
     return plan("indenters", span, n, seed)
 
 
+def judged(span: Span, n: int, seed: int) -> Sequence[Item]:
+    """A little less deep: a force above all fitted ones has FLAG_OVER_RANGE, and the same depth may give one."""
+    return indents(span._replace(deepest_m=JUDGED_DEPTH * span.deepest_m), n, seed)
+
+
 def check(span: Span) -> None:
     """Raises InputError if a fit to a bench's indenters without one of the sizes or shapes could not tell it."""
     if span.tilts_deg:
@@ -91,6 +97,6 @@ def _about_the_middle(board: Board, depth_m: float, shear_m: float, reach_m: tup
 
 TASK = Task(
     "contact", "indenters", Counts(0, 72, 24, 0), Counts(0, 18, 6, 0), 1.7, 0.0, 6.0,
-    "% of the largest normal force, RMS", _about_the_middle, indents, indents, _indent_word, _indent_figures,
+    "% of the largest normal force, RMS", _about_the_middle, indents, judged, _indent_word, _indent_figures,
     _contact_left_out, check=check,
 )  # fmt: skip
