@@ -37,13 +37,13 @@ COARSE = "cells_x = 10\ncells_y = 8"
 LEAST_N = 0.1
 
 
-def coarse(name: str, folder: Path) -> Board:
+def coarse(name: str, folder: Path, cells: str = COARSE) -> Board:
     """A board whose twin's pad has few elements."""
     shutil.copytree(ROOT / "boards" / name, folder / name)
     twin = folder / name / "twin.toml"
-    text, n = re.subn(r"cells_x = \d+\ncells_y = \d+", COARSE, twin.read_text())
+    text, n = re.subn(r"cells_x = \d+\ncells_y = \d+", cells, twin.read_text())
     is_flat = "[shape]" not in text
-    twin.write_text(f"{text}\n[mesh]\n{COARSE}\n" if is_flat and not n else text)
+    twin.write_text(f"{text}\n[mesh]\n{cells}\n" if is_flat and not n else text)
     return find_board(folder / name)
 
 

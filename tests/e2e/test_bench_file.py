@@ -329,10 +329,10 @@ near_mm = 0.3
 
 
 class GlitterDesk(ChangedDesk):
-    """contact-glitter with few elements."""
+    """contact-glitter with fewer elements, as many as its gate of hardness needs."""
 
     def __init__(self, folder: Path, machine: EmulatedMachine, *others: Any) -> None:
-        unit = build_unit(coarse("contact-glitter", folder))
+        unit = build_unit(coarse("contact-glitter", folder, "cells_x = 16\ncells_y = 12"))
         self.held = Changed(machine, unit, Indenter("sphere", 0.003))
         super().__init__(unit, self.held, folder, machine, *others, step=3)
 
