@@ -68,7 +68,7 @@ test: build
 	@npm --prefix host/page --silent test
 	@memory=$$(.ci/memory-folder); [ -z "$$memory" ] || export TMPDIR=$$memory TEST_TMPDIR=$$memory/; \
 	  set -m; nice .ci/ctest $(BUILD) $(JOBS) & cpp=$$!; set +m; failed=; \
-	  trap 'kill -INT -- -$$cpp 2> /dev/null || true; [ -z "$$memory" ] || rm -rf "$$memory"' EXIT; trap 'exit 130' INT TERM; \
+	  trap 'kill -INT -- -$$cpp 2> /dev/null && wait $$cpp || true; [ -z "$$memory" ] || rm -rf "$$memory"' EXIT; trap 'exit 130' INT TERM; \
 	  $(PYTEST) tests || failed=1; wait $$cpp || { failed=1; echo "make: C++ tests FAILED, see above" >&2; }; [ -z "$$failed" ]
 endif
 

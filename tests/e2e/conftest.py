@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pkgutil
 import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -18,12 +19,14 @@ if TYPE_CHECKING:
 LOCAL = re.compile(r"(https?|wss?)://(127\.0\.0\.1|localhost)[:/]|blob:|data:|file:")
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _busy_computer() -> None:
-    """A reference that is read late for want of a core has not fallen silent."""
-    from ruffini.rig import watch
-
-    watch.MIN_SILENCE_S = 10 * watch.MIN_SILENCE_S
+@pytest.fixture(scope="module", autouse=True)
+def _busy_computer() -> Iterator[None]:
+    """What is late for want of a core has neither fallen silent nor been unplugged."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name in (("watch", "MIN_SILENCE_S"), ("marlin", "START_S"), ("grbl", "START_S")):
+            where = f"ruffini.rig.{module}.{name}"
+            patch.setattr(where, 10 * pkgutil.resolve_name(f"ruffini.rig.{module}:{name}"))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ NOT_RUN = {
         "goes on a line of .ci/in-root, which wants root",
     "ruffini record run.mcap --n 600": "test_host_readme.py, with fewer frames",
     "build/ruffinid --board boards/gelslim --camera replay:out/run/recording --loop --link pty:out/tty "
-    "--store out/store --factory out/run/calibration.safetensors": "until it is stopped; as in test_examples.py",
+    "--store out/store --factory out/run/calibration.safetensors": "until it is stopped",
     "pip install ./host ./host/lerobot_plugin": "LeRobot wants Python 3.12 and PyTorch: .ci/wheel does without",
     "pip install -e 'host[train]'": "PyTorch: .ci/setup extras installs it for `make readmes`",
     ".venv/bin/ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, likewise",

@@ -205,7 +205,7 @@ class Busy(ToldSensor):
 
 
 def test_a_busy_sensor_that_sends_is_asked_longer() -> None:
-    with Busy(talks=True) as device, Connection(device.port, hello_timeout_s=1.5) as host:
+    with Busy(talks=True) as device, Connection(device.port, hello_timeout_s=6) as host:
         assert host.serial_number == "told"
     with (
         Busy(talks=False) as device,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from ruffini.boards import Board, board_names, find_board
 from ruffini.daemon import Daemon, started_daemon
-from ruffini.errors import InputError
+from ruffini.errors import InputError, NoDeviceError
 from ruffini.frames import read_frames
 from ruffini.live.cameras import (
     LocalCamera,
@@ -49,7 +49,7 @@ def of_recording(path: Path) -> Source:
 
 
 def choose(
-    camera: str | None, board_name: str | Path | None, pick: Callable[[Sequence[Board], str], Board] = the_one
+    camera: str | Path | None, board_name: str | Path | None, pick: Callable[[Sequence[Board], str], Board] = the_one
 ) -> tuple[Source, Board]:
     """Where frames come from, and the board that they are of.
 
@@ -75,12 +75,12 @@ def choose(
             size = picture_size(Path(camera))
             board = pick(boards_of_size(all_boards(), *size), f"{camera} ({size[0]}x{size[1]})")
         return of_recording(Path(camera)), board
-    chosen = choose_camera(local_cameras(), camera)
+    chosen = choose_camera(local_cameras(), None if camera is None else str(camera))
     return of_camera(chosen), board or pick(boards_of_camera(all_boards(), chosen), chosen.text)
 
 
 @contextlib.contextmanager
-def local_camera(camera: str | None = None, board: str | Path | None = None) -> Iterator[str]:
+def local_camera(camera: str | Path | None = None, board: str | Path | None = None) -> Iterator[str]:
     """Run the firmware on a camera at this computer while the block lasts; its port, for `ruffini.connect`.
 
     Parameters
@@ -91,7 +91,7 @@ def local_camera(camera: str | None = None, board: str | Path | None = None) -> 
     Raises
     ------
     RuffiniError
-        No or several cameras or boards fit, or ruffinid does not start.
+        No or several cameras or boards fit, or ruffinid does not start, or it ended meanwhile.
 
     Examples
     --------
@@ -102,6 +102,8 @@ def local_camera(camera: str | None = None, board: str | Path | None = None) -> 
     source, its_board = choose(camera, board)
     with running_unit(source, its_board) as daemon:
         yield daemon.port
+        if daemon.has_ended() and (said := daemon.problem()):
+            raise NoDeviceError(said)
 
 
 def picture_size(path: Path) -> tuple[int, int]:

@@ -8,14 +8,12 @@ from collections import deque
 from collections.abc import Iterator
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
-from ruffini.patience import PATIENCE
 from ruffini.rig.stage import Rotary
 
 BAUD = 115200
 ANSWER_S, HOME_S = 15.0, 120.0  # a long move of a machine that does not say "busy" answers late
 TURN_S = 60.0  # through 120 degrees on both axes, slowly
 POLL_S = 0.005
-WRITE_S = 2.0 * PATIENCE
 MAX_LINE_BYTES = 512
 
 
@@ -29,7 +27,7 @@ class GcodeLine:
         self._partial = b""
         self._lines: deque[str] = deque()
         try:
-            self._serial = serial.Serial(port, baudrate=baud, timeout=POLL_S, write_timeout=WRITE_S, exclusive=True)
+            self._serial = serial.Serial(port, baudrate=baud, timeout=POLL_S, write_timeout=2.0, exclusive=True)
         except (serial.SerialException, OSError, ValueError) as error:
             raise NoDeviceError(f"{port} cannot be opened: {error}: is the machine switched on, and free?") from error
 

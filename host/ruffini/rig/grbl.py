@@ -7,11 +7,10 @@ import time
 from collections.abc import Mapping, Sequence
 
 from ruffini.errors import NoDeviceError, RefusedError
-from ruffini.patience import PATIENCE
 from ruffini.rig.gcode_line import ANSWER_S, HOME_S, TURN_S, GcodeMachine
 from ruffini.rig.stage import Guard, Place, check_turned, moves, no_guard, turning
 
-START_S, REPORT_S, HOLD_S = 3.0 * PATIENCE, 0.02, 2.0
+START_S, REPORT_S, HOLD_S = 3.0, 0.02, 2.0
 ARRIVED_M = 5e-6
 REPORT = re.compile(r"<(\w+(?::\d+)?)\|MPos:(-?[\d.]+(?:,-?[\d.]+){2,})")
 AXES = "XYZABCUVW"  # in the order of MPos

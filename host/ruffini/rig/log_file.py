@@ -44,6 +44,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.device.results import INVALID
 from ruffini.errors import InputError
 from ruffini.files import dataset_values, lock_alone, readable, write_whole
 
@@ -85,6 +86,11 @@ class TouchRecord(NamedTuple):
 
     facts: dict[str, Any]
     arrays: dict[str, npt.NDArray[Any]]
+
+
+def stated_wrench(touch: TouchRecord) -> npt.NDArray[np.float64]:
+    """(t, 6) N and N m that the sensor stated of a touch; NaN where it called them invalid."""
+    return np.where(touch.arrays["stream_validity"] == INVALID, np.nan, touch.arrays["stream_wrench"])
 
 
 class LogWriter:

@@ -8,11 +8,10 @@ import time
 from collections.abc import Mapping
 
 from ruffini.errors import NoDeviceError, RefusedError
-from ruffini.patience import PATIENCE
 from ruffini.rig.gcode_line import ANSWER_S, HOME_S, TURN_S, GcodeMachine
 from ruffini.rig.stage import Guard, Place, Rotary, check_turned, moves, no_guard, turning
 
-START_S, HALT_S = 5.0 * PATIENCE, 10.0
+START_S, HALT_S = 5.0, 10.0
 MAX_RESENDS = 5
 POSITION = re.compile(r"X:(-?[\d.]+) Y:(-?[\d.]+) Z:(-?[\d.]+)")
 TURNED = re.compile(r" ([ABCUVW]):(-?[\d.]+)")

@@ -91,8 +91,8 @@ class Watched(NamedTuple):
 def bad_flags_of(board: Board) -> tuple[str, ...]:
     """Flags of a frame that no log should hold.
 
-    Over range is a bound of the gel where the board measures displacements, else of the calibration in force, which a
-    new log may be there to extend.
+    Where the board measures displacements, over range may be a bound of the gel; elsewhere it is one of the calibration
+    in force, which a new log may be there to extend.
     """
     return (*BAD_FLAGS, OVER_RANGE) if board.writes("displacement") else BAD_FLAGS
 

@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 from ruffini import host_clock
 from ruffini.errors import InputError, NoDeviceError
-from ruffini.patience import PATIENCE
 from ruffini.rig.reference import Facts, Reading, pressing
 from ruffini.rig.units import NEWTONS, force_factor
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 UNIT_AFTER = re.compile(r"\s*([A-Za-z]+)")
 OVERFLOW = re.compile(r"\b(ovf|ol|overflow|saturat\w*|nan|inf)\b", re.IGNORECASE)
-START_S = 4.0 * PATIENCE  # opening the port resets most boards
+START_S = 4.0  # opening the port resets most boards
 MAX_STRANGE_LINES = 5  # in a row, once a number has come
 MAX_LINE_BYTES = 200
 

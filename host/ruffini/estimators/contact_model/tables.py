@@ -31,7 +31,7 @@ from ruffini.estimators.contact_model.perceptron import Perceptron, run_tables, 
 from ruffini.estimators.contact_model.wrench import RIDGE_PX2, moment_per_flow
 from ruffini.estimators.wrench.fit import Fit
 from ruffini.estimators.wrench.log import Features
-from ruffini.estimators.wrench.model import AXES, PAIRS, TIMES_S, WrenchMap, barely_loaded
+from ruffini.estimators.wrench.model import AXES, PAIRS, TIMES_S, WrenchMap, ranges_of
 from ruffini.estimators.wrench.tables import tables as wrench_tables
 
 Array = npt.NDArray[np.float64]
@@ -288,13 +288,13 @@ def _wrench_fit(board: Board, fit: ContactFit) -> Fit:
     error = np.concatenate(left.wrench)
     presses = left.presses
     wrench = _wrenches(fit.model, presses)
-    full = np.maximum(np.abs(wrench).max(axis=0), LEAST_FULL)
+    full = np.maximum(ranges_of(np.abs(wrench).max(axis=0)), LEAST_FULL)
     spread = np.maximum(wrench.std(axis=0), 1e-12)
     rows = np.stack([_vectors(part) for part in _covariances(fit, full)])
     gain = fit.model.wrench.gain / PX
     n = gain.shape[1]
     told = np.array([name not in board.board.not_measured for name in QUANTITIES])
-    told &= np.any([p.force.any(axis=0) for p in presses], axis=0) & ~barely_loaded(full)
+    told &= np.any([p.force.any(axis=0) for p in presses], axis=0)
     condition = float(np.linalg.cond((gain / full[:, None])[told]))
     rows *= told
     found = WrenchMap(gain, full * told, np.zeros((6, len(PAIRS[0]))), np.zeros((len(TIMES_S), 6)), np.zeros((n, 27)),

@@ -14,14 +14,13 @@ from ruffini.errors import InputError
 from ruffini.estimators.contact_model.log import FACES, HERTZIAN, LEAST_SHORE
 from ruffini.estimators.task import Counts, Task, Word, joined
 from ruffini.rig.found import is_held
-from ruffini.rig.log_file import CONTACT_SHORE, Log, TouchRecord
+from ruffini.rig.log_file import CONTACT_SHORE, Log, TouchRecord, stated_wrench
 from ruffini.rig.program import Item, Span, plan, span_of
 
 Array = npt.NDArray[np.float64]
 
 LEAST_SHAPES, LEAST_HARDNESSES = 2, 3  # each flat shape is judged by a fit without it
 MAX_SHORE_A = 16.0  # RMS of hardness on sizes left out: twice what the paper has, since few presses begin with more
-JUDGED_DEPTH = 0.9  # of the fitted presses'
 TOOL_PLACE_M = (2.2e-3, 1.8e-3)  # from the middle: the texture beside the contact is what tells
 
 
@@ -32,7 +31,7 @@ def _indent_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
     told = shore[np.isfinite(shore)]
     rows = np.full((int(held.sum()), 2), np.nan)
     rows[-1:] = (told[-1] if len(told) else np.nan), touch.facts["tool"]["shore_a"]
-    return Word(touch.arrays["stream_wrench"][held], true[held], np.full_like(rows, np.nan), rows)
+    return Word(stated_wrench(touch)[held], true[held], np.full_like(rows, np.nan), rows)
 
 
 def _indent_figures(words: list[Word]) -> dict[str, Any]:
@@ -58,11 +57,6 @@ def _contact_left_out(outcomes: dict[str, Outcome]) -> float:
 def indents(span: Span, n: int, seed: int) -> Sequence[Item]:
     """Presses of the bench's indenters, or of drawn ones, each at a place of its own."""
     return plan("indenters", span, n, seed)
-
-
-def judged(span: Span, n: int, seed: int) -> Sequence[Item]:
-    """A little less deep: a force above all fitted ones has FLAG_OVER_RANGE, and the same depth may give one."""
-    return indents(span._replace(deepest_m=JUDGED_DEPTH * span.deepest_m), n, seed)
 
 
 def check(span: Span) -> None:
@@ -97,6 +91,6 @@ def _about_the_middle(board: Board, depth_m: float, shear_m: float, reach_m: tup
 
 TASK = Task(
     "contact", "indenters", Counts(0, 72, 24, 0), Counts(0, 18, 6, 0), 1.7, 0.0, 6.0,
-    "% of the largest normal force, RMS", _about_the_middle, indents, judged, _indent_word, _indent_figures,
+    "% of the largest normal force, RMS", _about_the_middle, indents, indents, _indent_word, _indent_figures,
     _contact_left_out, check=check,
 )  # fmt: skip

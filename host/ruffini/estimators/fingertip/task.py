@@ -17,7 +17,7 @@ from ruffini.estimators.fingertip.report import MOST, full_n
 from ruffini.estimators.task import NO_SHORE, Counts, Task, Word, joined
 from ruffini.rig.found import is_held
 from ruffini.rig.holder import UPRIGHT
-from ruffini.rig.log_file import Log, TouchRecord
+from ruffini.rig.log_file import Log, TouchRecord, stated_wrench
 from ruffini.rig.program import Item, Span, plan, span_of
 
 Array = npt.NDArray[np.float64]
@@ -31,7 +31,7 @@ def _word(board: Board, _: Log, touch: TouchRecord, true: Array) -> Word:
     part = -true[:, 2] / full_n(board)
     kept = is_held(touch.arrays["stream_host_s"], touch.facts) & (part > LEAST) & (part < MOST)
     said = np.full((int(kept.sum()), 6), np.nan)
-    said[:, 2] = touch.arrays["stream_wrench"][kept, 2] / upright
+    said[:, 2] = stated_wrench(touch)[kept, 2] / upright
     return Word(said, true[kept], np.full((len(said), 2), np.nan), NO_SHORE)
 
 

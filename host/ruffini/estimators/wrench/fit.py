@@ -24,10 +24,10 @@ from ruffini.estimators.wrench.model import (
     AXES,
     Frames,
     WrenchMap,
-    barely_loaded,
     frames_of,
     memories,
     products,
+    ranges_of,
     recordings_of,
 )
 from ruffini.estimators.wrench.rest import rest_gate
@@ -210,14 +210,12 @@ def _fit_at(
     if frames.features.shape[1] <= FEW:  # cannot fit what is not there: an axis that only one recording loads counts
         left = fitted(frames, chosen).predicted(frames) - frames.wrench
         is_told |= (rms(left) < np.sqrt(1 - LEAST_R2) * spread) & (spread > 0)
-    largest = np.abs(frames.wrench).max(axis=0)
-    is_told &= ~barely_loaded(largest)
     if not is_told.any():
         raise InputError(
             f"on {_left_out(holdout)} that were not fitted the features tell nothing of the reference: is it this "
             "sensor's, in the pad's axes, one row a frame?"
         )
-    full = np.where(is_told, largest, 0.0)
+    full = np.where(is_told, ranges_of(np.abs(frames.wrench).max(axis=0)), 0.0)
     if kernel is None:
         found = _with_forward(fitted(frames, chosen, full), frames, of_map, bend, folds)
     else:

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 TO_NMM = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])  # N and N m to N and N mm
 PAIRS = np.triu_indices(6)
-BARELY, LEVER_MM = 0.02, 5.0  # a part of the largest force, for a moment at this lever
+BARELY, LEVER_MM = 0.02, 5.0  # least range: this part of the largest force, of a moment at this lever
 TIMES_S = (0.3, 3.0, 30.0)  # a third of a second to half a minute: rubber forgets over decades of time
 
 
@@ -89,12 +89,13 @@ def _touch_numbers(runs: list[FeatureRun]) -> npt.NDArray[np.intp]:
     return np.concatenate(out)
 
 
-def barely_loaded(full: Array) -> npt.NDArray[np.bool_]:
-    """Axes (6,) whose largest load in a log, N and N mm, is next to nothing beside its largest force.
+def ranges_of(largest: Array) -> Array:
+    """Full scale (6,) of the axes, N and N mm, from the largest load of each in a log.
 
-    What loads them there is noise, crosstalk and the edge of the pad; as an axis' range that would flag good presses.
+    What barely loads an axis is noise, crosstalk and the edge of the pad: as its range that would flag good presses.
     """
-    return np.asarray(full < BARELY * full[:3].max() * np.array([1, 1, 1, LEVER_MM, LEVER_MM, LEVER_MM]))
+    least = BARELY * largest[:3].max() * np.array([1, 1, 1, LEVER_MM, LEVER_MM, LEVER_MM])
+    return np.asarray(np.maximum(largest, least))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ruffini.calibrate.fit.job import Outcome
 from ruffini.estimators.task import NO_SHORE, Counts, Task, Word, joined
 from ruffini.estimators.wrench.log import measured_axes
 from ruffini.rig.found import is_held
-from ruffini.rig.log_file import Log, TouchRecord
+from ruffini.rig.log_file import Log, TouchRecord, stated_wrench
 from ruffini.rig.program import CONDITIONS, ByHand, Condition, Item, Span, plan, span_of
 
 Array = npt.NDArray[np.float64]
@@ -29,7 +29,7 @@ def _loaded_word(board: Board, __: Log, touch: TouchRecord, true: Array) -> Word
     """Every frame while it is loaded: a hand never holds still."""
     held = is_held(touch.arrays["stream_host_s"], touch.facts)
     return Word(
-        touch.arrays["stream_wrench"][held],
+        stated_wrench(touch)[held],
         true[held] * measured_axes(board),
         np.full((held.sum(), 2), np.nan),
         NO_SHORE,
