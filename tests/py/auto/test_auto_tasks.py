@@ -96,6 +96,7 @@ def test_a_contact_models_word_is_every_frame_of_a_press_and_the_hardness_told_l
         {
             "stream_host_s": time_s,
             "stream_wrench": 1.1 * wrench,
+            "stream_validity": np.ones((21, 6), int),
             "contact_shore": np.array([np.nan, 30.0, 44.0, np.nan]),
         },
     )
