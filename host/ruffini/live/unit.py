@@ -97,13 +97,16 @@ def local_camera(camera: str | Path | None = None, board: str | Path | None = No
     --------
     >>> import ruffini
     >>> with ruffini.local_camera("DIGIT") as port, ruffini.connect(port) as sensor:  # doctest: +SKIP
-    ...     print(sensor.read().wrench.force)
+    ...     print(next(frame.wrench.force for frame in sensor.frames() if frame.is_valid))
     """
     source, its_board = choose(camera, board)
     with running_unit(source, its_board) as daemon:
-        yield daemon.port
-        if daemon.has_ended() and (said := daemon.problem()):
-            raise NoDeviceError(said)
+        try:
+            yield daemon.port
+        except NoDeviceError as error:  # of its host: the daemon knows why
+            if daemon.has_ended() and (said := daemon.problem()):
+                raise NoDeviceError(said) from error
+            raise
 
 
 def picture_size(path: Path) -> tuple[int, int]:
