@@ -22,11 +22,12 @@ from ruffini.calibrate.gates import gates_in
 from ruffini.cli import main
 from ruffini.errors import RefusedError
 from ruffini.estimators.contact_model.task import TASK as CONTACT
+from ruffini.estimators.fingertip.task import TASK as FINGERTIP
 from ruffini.estimators.operator.task import TASK as FORCES
 from ruffini.estimators.operator.task import judged_touches
 from ruffini.estimators.skin.task import TASK as SKIN
 from ruffini.estimators.table import task_of
-from ruffini.estimators.task import NO_SHORE, Counts, Word
+from ruffini.estimators.task import NO_SHORE, Counts, Task, Word
 from ruffini.estimators.wrench.task import TASK as WRENCH
 from ruffini.estimators.wrench.task import judged_loads
 from ruffini.rig.emulated_person import _loads
@@ -204,6 +205,23 @@ def test_a_wrench_is_fitted_judged_and_reported(tmp_path: Path):
     assert "Error of each axis" in (tmp_path / "report.html").read_text()
     assert "not measured" in table_of([tmp_path])[1]
     assert BETTER not in {gate.name for gate in gates_in(file) or []}
+
+
+@pytest.mark.parametrize(
+    ("task", "name"), [(WRENCH, "ftouch"), (CONTACT, "contact-glitter"), (FINGERTIP, "stereo-fingertip")]
+)
+def test_a_force_that_the_sensor_calls_invalid_is_not_stated(task: Task, name: str) -> None:
+    time_s = np.linspace(0, 2, 21)
+    wrench = np.tile([0, 0, -0.8, 0, 0, 0], (21, 1))
+    validity = np.ones((21, 6), int)
+    validity[15] = 3
+    touch = TouchRecord(
+        {"held_host_s": 1.0, "lifted_host_s": 2.0, "tilt_deg": [0.0, 0.0], "tool": {"shore_a": 40.0}},
+        {"stream_host_s": time_s, "stream_wrench": wrench, "stream_validity": validity},
+    )
+    normal = task.word(find_board(name), Log({}, [touch]), touch, wrench).said[:, 2]
+    assert np.flatnonzero(np.isnan(normal)).tolist() == [4]  # of the frames after 1 s
+    assert np.nanmax(np.abs(normal + 0.8)) < 1e-9
 
 
 @pytest.mark.parametrize(("said_off", "is_better"), [(0.2, True), (0.0, False)])

@@ -148,6 +148,8 @@ def test_tables_say_what_the_fit_says(
     monkeypatch.setattr("ruffini.estimators.contact_model.perceptron.MAX_STEPS", 150)
     fit = fit_contact(board, [*presses, *rings], lambda _: None)
     tensors, metadata = tables(board, fit, features_of(board))
+    full = tensors["wrench.full_scale"]  # uN, and 1e-9 N m; nothing turns these presses
+    assert full[5] == pytest.approx(0.02 * 5 * full[2], rel=1e-3)
     report = json.loads(metadata["residuals"])
     assert max(report["tables_err"].values()) < 6  # steps: of 1/4096 of a depth, um, 1/16 Shore A
     assert report["left_out_sizes"]["all"]["kind_right"] > 0.9

@@ -183,6 +183,18 @@ def test_an_axis_that_nobody_loads_is_not_measured() -> None:
     assert not kind["wrench.error"][..., 5].any()
 
 
+def test_noise_on_an_axis_that_is_barely_loaded_is_not_its_range() -> None:
+    runs = recordings(30)
+    for k, run in enumerate(runs):
+        runs[k] = replace(run, reference=run.reference * [0.01, 1, 1, 1, 1, 1])
+    fit = fitted(runs)
+    assert not fit.report()["not_measured"]
+    largest = max(np.abs(run.reference[:, 2]).max() for run in runs)
+    kind, _ = tables(fit, Features("targets", N_FEATURES))
+    assert kind["wrench.full_scale"][0] == pytest.approx(0.02 * largest * 1e6, rel=0.01)  # uN
+    assert kind["wrench.full_scale"][1] > 0.5e6
+
+
 def test_an_axis_that_only_one_recording_loads_is_measured() -> None:
     """As the twist of the 17 conditions: whoever leaves it out cannot foresee it."""
     runs = recordings(17)
