@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hang import until
 
 from ruffini.boards import find_board
 from ruffini.rig import stream_watch
-from ruffini.rig.session import OVER_RANGE, bad_flags_of
+from ruffini.rig.session import Pace, watched_stream
 from ruffini.rig.stream_watch import StreamWatch, Window
 from ruffini.wire import Schema
 
@@ -91,4 +92,9 @@ def test_what_arrived_long_ago_is_freed(monkeypatch):
 @pytest.mark.parametrize(("board", "is_bad"), [("gelslim", True), ("ftouch", False), ("digit-tactile", False)])
 def test_a_touch_beyond_a_calibration_extends_it(board: str, is_bad: bool) -> None:
     """Over range is a bound of the gel only where displacements are measured."""
-    assert (OVER_RANGE in bad_flags_of(find_board(board))) is is_bad
+    sensor: Any = Scripted(("Wrench", {"stamp": {"capture_us": 1}, "validity": [1] * 6}))
+    sensor.hello = SimpleNamespace(sensors=[SimpleNamespace(board=board)], session_id=1)
+    with watched_stream(sensor, find_board(board), Pace()) as watched:
+        said = set(watched.bad_flags.values())
+    assert ("over_range" in said) is is_bad
+    assert said >= {"no_reference", "markers_lost", "saturated", "dark", "overexposed"}
