@@ -19,7 +19,7 @@ using ruffini::fuzz::Bytes;
 constexpr size_t kShort = 64;
 
 const ruffini::BoardSettings& board_of_all() {
-  static const ruffini::BoardSettings kBoard = ruffini::test::small_board(ruffini::stage_names());
+  static const ruffini::BoardSettings kBoard = ruffini::test::small_board(ruffini::test::stages_but({}));
   return kBoard;
 }
 
