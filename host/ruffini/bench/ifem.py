@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.bench import bad_nodes, coverage, fitted, objects, window
+from ruffini.bench import bad_nodes, coverage, fitted, objects, resolution, window
 from ruffini.bench.bad_nodes import BadNodes
 from ruffini.bench.disturbance import HALF_WHITE_UM, WHITE_UM, Disturbance
 from ruffini.bench.markers import LostMarkers
@@ -286,6 +286,7 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
         result["coverage"] = coverage_of(methods, depths)
         progress(0.9)
         result["window"] = window.run(board, n_seeds=2 if quick else 6)
+        result["resolution"] = resolution.run(board, quick=quick, progress=lambda done: progress(0.9 + 0.02 * done))
         if fitted.has_images(board):
             result["fitted"] = fitted.run(
                 board, depths, quick=quick, progress=lambda done: progress(0.92 + 0.08 * done)
@@ -452,6 +453,7 @@ def tables(result: dict[str, Any]) -> str:
             )
     lines += ["", "stated uncertainty of the default; material off by 1 to 2 %, white noise and half of it correlated"]
     lines += [coverage.table(result["coverage"]), "", window.table(result["window"])]
+    lines += ["", resolution.table(result["resolution"])]
     if "fitted" in result:
         lines += ["", fitted.table(result["fitted"])]
     return "\n".join(lines)

@@ -156,7 +156,7 @@ def _superposed(unit: TwinUnit, recipe: Recipe, depth_mm: float) -> dict[str, Ar
         solvers.append(solver)
     hats = np.sum([solver.hat_force for solver in solvers], axis=0)
     nodal = np.sum([solver.nodal_force for solver in solvers], axis=0)
-    return _on_board(unit, hats, (unit.compliance @ nodal.ravel()).reshape(-1, 3))
+    return on_board(unit, hats, (unit.compliance @ nodal.ravel()).reshape(-1, 3))
 
 
 def _together(unit: TwinUnit, recipe: Recipe, depth_mm: float) -> dict[str, Array]:
@@ -168,7 +168,7 @@ def _together(unit: TwinUnit, recipe: Recipe, depth_mm: float) -> dict[str, Arra
         paths = [_path(touch, depth_mm) for touch in recipe.touches]
         for k in range(max(len(path) for path in paths)):
             advance_together(solvers, [path[min(k, len(path) - 1)] for path in paths])
-        return _on_board(unit, np.sum([solver.hat_force for solver in solvers], axis=0), response.surface)
+        return on_board(unit, np.sum([solver.hat_force for solver in solvers], axis=0), response.surface)
 
     board, friction = unit.board, unit.twin.unit.friction_1e3
     places = None if board.markers is None else [line.tolist() for line in marker_places(board, board.markers)]
@@ -176,7 +176,7 @@ def _together(unit: TwinUnit, recipe: Recipe, depth_mm: float) -> dict[str, Arra
     return cached_state(repr(key), solve)
 
 
-def _on_board(unit: TwinUnit, hats: Array, displacement: Array) -> dict[str, Array]:
+def on_board(unit: TwinUnit, hats: Array, displacement: Array) -> dict[str, Array]:
     board = unit.board
     force = on_grid(unit.model, hats, board.grid.n_x, board.grid.n_y)
     out = {"force": force, "displacement": unit.at_nodes(displacement)}

@@ -17,11 +17,20 @@ def ifem(
     truth: Annotated[
         str, typer.Option(help="Strain of the true pad: linear, or finite (half an hour once; then from a cache).")
     ] = "linear",
-    out: Annotated[Path | None, typer.Option("--out", help="Picture (PNG) of the fields beside the truth.")] = None,
+    only: Annotated[
+        str | None, typer.Option(help="resolution: lines told apart, and response by spatial frequency; no more.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Picture (PNG) of the fields beside the truth; with --only, of the response."),
+    ] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Inverse FEM: raw, sparse and ridge as in the papers, the optimal linear estimate, and the board's default."""
     note(f"bench ifem: board {board}")
+    if only is not None:
+        _resolution(board, only, out, json_, quick=quick)
+        return
     from ruffini.bench import ifem as benchmark
     from ruffini.boards import find_board
 
@@ -37,6 +46,24 @@ def ifem(
 
         result["pictures"] = [str(path) for path in pictures(out, found)]
         text += "\n" + "\n".join(result["pictures"])
+    emit(result, json_, text)
+
+
+def _resolution(board: str, only: str, out: Path | None, json_: bool, *, quick: bool) -> None:
+    """`bench ifem --only resolution`."""
+    from ruffini.bench import resolution
+    from ruffini.boards import find_board
+
+    if only != "resolution":
+        raise InputError(f"unknown part {only!r}: resolution")
+    with progress_bar("resolution") as progress:
+        result = resolution.run(find_board(board), quick=quick, progress=progress)
+    text = resolution.table(result)
+    if out is not None:
+        from ruffini.bench.resolution_picture import curves
+
+        result["picture"] = str(curves(out, [result]))
+        text += f"\n{out}"
     emit(result, json_, text)
 
 
