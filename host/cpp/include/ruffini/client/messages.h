@@ -1,4 +1,4 @@
-// Messages of a sensor in SI units. Origin: centre of the undeformed pad's surface, x right and y down in the camera's
+// Messages of a sensor, in SI units unless a name or comment says otherwise. Origin: centre of the undeformed pad's surface, x right and y down in the camera's
 // image, z out of the pad. Forces act ON the pad: pressing is negative z. A number may be NaN only if the comment on it
 // or on its struct says so; others are as transmitted, whatever the validity. Messages of one camera frame, such as
 // WRENCH and CONTACTS, have the same Stamp::frame.
@@ -85,7 +85,7 @@ enum ReplyCode : uint32_t {
 
 struct Stamp {
   uint64_t capture_us = 0;  // exposure midpoint, monotonic clock of the device
-  uint64_t frame = 0;       // the camera's number; with a subscription to each frame gaps mean dropped ones
+  uint64_t frame = 0;       // the camera's number; if every frame is subscribed, gaps are dropped frames
   uint32_t flags = 0;       // mask of Flag
   uint32_t calibration_id = 0;
 };
@@ -188,7 +188,7 @@ enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
 // From the motion of the pad's texture in the image. The numbers after a validity are NaN unless it is VALID.
 struct ContactModel {
   ContactKind kind = ContactKind::kNotTold;
-  double kind_confidence = kNaN;                        // 0.5 to 1
+  double kind_confidence = kNaN;                        // 0.5 to 1; NaN: kind not told
   Validity depth_validity = Validity::kNotMeasured;     // of the next four
   double gel_depth_m = kNaN, gel_depth_sigma_m = kNaN;  // of the gel
   double press_depth_m = kNaN;      // travel of the object since it touched, including its own deformation
@@ -228,8 +228,8 @@ struct Contact {
   std::optional<FlowParts> flow_parts;
 };
 
-// The last squeeze of an object, until the next one. NaN unless VALID; an infinite modulus is a rigid object's, an
-// infinite upper limit none.
+// The last squeeze of an object, until the next one. NaN unless VALID. An infinite modulus: a rigid object; an infinite
+// upper limit: none.
 struct Softness {
   Validity validity = Validity::kNotMeasured;
   uint32_t squeeze = 0;      // number of squeezes since rest was learned, this one included
