@@ -104,7 +104,7 @@ struct Wrench {
   std::array<Measured, 3> force_n;
   std::array<Measured, 3> torque_n_m;  // about the origin
   // Covariance of (fx, fy, fz, tx, ty, tz), N and N m; nullopt if it is not VALID: absent does not mean zero. Entries of
-  // components that are not VALID mean nothing, e.g. of a fingertip all but that of fz.
+  // components that are not VALID mean nothing: of a fingertip's only (fz, fz) counts.
   std::optional<std::array<std::array<double, 6>, 6>> covariance;
 };
 
@@ -281,7 +281,7 @@ struct SensorInfo {
   bool is_calibrated = false;             // the next three describe the calibration
   bool has_development_key = false;       // signed with the public development key: anybody can make one
   bool is_on_trial = false;               // not confirmed yet: a restart restores the previous one
-  std::string calibration_summary;        // checks of its report: "passed", or which failed; empty: no report
+  std::string calibration_summary;        // checks of its report: "passed", or which failed; empty: not judged
 
   // x, y of FIELD's node on the undeformed pad.
   [[nodiscard]] std::array<double, 2> position_m_at(size_t node) const;
