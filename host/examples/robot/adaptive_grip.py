@@ -123,7 +123,7 @@ def check(board: str, n_seeds: int, film: str | None) -> None:
         axis for axis in ("force_x", "force_y", "force_z") if axis in find_board(board).board.not_measured
     ]:
         raise InputError(
-            f"board {board!r} does not measure {', '.join(unmeasured)}, which the grip follows: use another"
+            f"board {board!r} does not measure {', '.join(unmeasured)}, which this example needs: use another"
         )
     if n_seeds < 1:
         raise InputError(f"--seeds {n_seeds}: give at least 1")

@@ -1,41 +1,61 @@
-"""An animated picture of a gripper and what its pads feel, drawn without a display or a GPU."""
+"""An animated picture of a world and what its pads feel, drawn without a display or a GPU."""
 
 from __future__ import annotations
 
 import io
+import itertools
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from ruffini.errors import InputError
 
+Array = npt.NDArray[np.float64]
+
 FRAME_MS = 60
 VIEW_M = (-0.075, 0.075, -0.005, 0.145)  # x and z
-FULL_N = 0.02  # nodal force at the end of the colours
+FULL_N = 0.02
+CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+ROUND = np.array([(np.cos(turn), np.sin(turn), 0.0) for turn in np.linspace(0, 2 * np.pi, 40, endpoint=False)])
 COLORS = {"thing": "#c9a227", "table": "#888888"}
 
 
 class Film:
-    """Pictures of `Gripper`s one after the other; `write` makes a GIF of them."""
+    """Pictures of a `Gripper` or a `World` one after the other; `write` makes a GIF of them.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    view_m : least and largest x and z that are seen, from y below zero.
+    full_n : pressure at the end of the colours, as force on one of the board's nodes.
+    """
+
+    def __init__(self, view_m: tuple[float, float, float, float] = VIEW_M, full_n: float = FULL_N) -> None:
+        self._view_m, self._full_n = view_m, full_n
         self._pictures: list[Any] = []
 
     def __len__(self) -> int:
         return len(self._pictures)
 
-    def take(self, gripper: Any, frames: dict[str, Any], title: str) -> None:
-        """The scene from the front, and each pad's forces: pressure as colour, shear as arrows."""
+    def take(self, scene: Any, frames: dict[str, Any], title: str, line: Array | None = None) -> None:
+        """The scene from the front, and each pad's forces: pressure as colour, shear as arrows.
+
+        `line` : (n, 3) metres, drawn over the scene; NaN parts it.
+        """
         from matplotlib.figure import Figure
         from PIL import Image
 
         figure = Figure(figsize=(6.4, 3.2), dpi=80)
         axes = figure.add_axes((0.02, 0.04, 0.5, 0.84))
-        _draw_scene(axes, gripper.world)
+        axes.set(xlim=self._view_m[:2], ylim=self._view_m[2:], aspect="equal")
+        axes.set_axis_off()
+        _draw_scene(axes, getattr(scene, "world", scene))
+        if line is not None:
+            axes.plot(line[:, 0], line[:, 2], color="black", lw=2, zorder=3)
         for i, (name, frame) in enumerate(frames.items()):
-            _draw_pad(figure.add_axes((0.56, 0.52 - 0.46 * i, 0.4, 0.36)), name, frame)
+            _draw_pad(figure.add_axes((0.56, 0.52 - 0.46 * i, 0.4, 0.36)), name, frame, self._full_n)
         figure.suptitle(f"{title}   SIMULATED", fontsize=9)
         file = io.BytesIO()
         figure.savefig(file, format="png")
@@ -57,40 +77,36 @@ class Film:
 
 def _draw_scene(axes: Any, world: Any) -> None:
     from matplotlib.patches import Polygon
+    from scipy.spatial import ConvexHull
 
-    axes.set_xlim(*VIEW_M[:2])
-    axes.set_ylim(*VIEW_M[2:])
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    axes.axhline(0, color=COLORS["table"], lw=2)
     model, data = world.model, world.data
+    shapes = []  # corners or outline in the world, colour
     for geom in range(model.ngeom):
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+        kind, size, turn = model.geom_type[geom], model.geom_size[geom], data.geom_xmat[geom].reshape(3, 3)
+        if kind == mujoco.mjtGeom.mjGEOM_PLANE:
+            axes.axhline(data.geom_xpos[geom, 2], color=COLORS["table"], lw=2)
             continue
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
-        size, turn = model.geom_size[geom], data.geom_xmat[geom].reshape(3, 3)
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
-            corners = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]) * size
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            points = CORNERS * size
+        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            points = np.concatenate([ROUND * [size[0], size[0], 0] + [0, 0, end * size[1]] for end in (-1, 1)])
         else:
-            half = size[1] if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER else size[0]
-            angle = np.linspace(0, 2 * np.pi, 40)
-            round_ = np.column_stack([size[0] * np.cos(angle), 0 * angle, half * np.sin(angle)])
-            flat = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]) * [size[0], 0, half]
-            corners = flat if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER else round_
-        seen = (corners @ turn.T + data.geom_xpos[geom])[:, [0, 2]]
-        axes.add_patch(Polygon(seen, facecolor=COLORS.get(name or "", "#4a6fa5"), edgecolor="black", lw=0.8))
+            points = ROUND[:, [0, 2, 1]] * size[0]
+            turn = np.eye(3)
+        shapes.append((points @ turn.T + data.geom_xpos[geom], COLORS.get(name or "", "#4a6fa5")))
     for pad in world.pads.values():
-        place = pad.frame(data)
-        half, thick = pad.solid.half_size_m[0], pad.solid.unit.model.thickness_m
-        along = place.rotation[:, 0] if abs(place.rotation[2, 0]) > 0.5 else place.rotation[:, 1]
-        corners = [place.origin + s * half * along - t * thick * place.rotation[:, 2] for s, t in
-                   ((-1, 0), (1, 0), (1, 1), (-1, 1))]  # fmt: skip
-        axes.add_patch(Polygon(np.array(corners)[:, [0, 2]], facecolor="#e07a5f", edgecolor="black", lw=0.8))
+        place, thick = pad.frame(data), pad.solid.unit.model.thickness_m
+        box = CORNERS * [*pad.solid.half_size_m, thick / 2] - [0, 0, thick / 2]
+        shapes.append((box @ place.rotation.T + place.origin, "#e07a5f"))
+    for points, color in sorted(shapes, key=lambda shape: -float(shape[0][:, 1].mean())):  # far ones first
+        seen = points[ConvexHull(points[:, [0, 2]]).vertices][:, [0, 2]]
+        axes.add_patch(Polygon(seen, facecolor=color, edgecolor="black", lw=0.8, alpha=0.8))
 
 
-def _draw_pad(axes: Any, name: str, frame: Any) -> None:
+def _draw_pad(axes: Any, name: str, frame: Any, full_n: float) -> None:
     force = frame.field.raw_force
-    axes.imshow(-force[..., 2], cmap="magma", vmin=0, vmax=FULL_N, origin="lower")
+    axes.imshow(-force[..., 2], cmap="magma", vmin=0, vmax=full_n, origin="lower")
     step = (slice(None, None, 3), slice(None, None, 3))
     rows, columns = np.mgrid[: force.shape[0], : force.shape[1]]
     axes.quiver(columns[step], rows[step], force[..., 0][step], force[..., 1][step], color="white", scale=3 * FULL_N)
