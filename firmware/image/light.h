@@ -6,26 +6,26 @@
 //   uniform   samples within 1.5 % of their channel's m
 //   still     frame with at least 7/8 of the samples of every channel uniform, and no marker (of boards with targets:
 //             target) more than 1/4 px from its rest position
-//   gain_c += clamp(m_c, +-1/128) / 16 in every frame from the 16th still one in a row on; 0.75 <= gain_c <= 1.25.
+//   gain_c += clamp(m_c, +-1/128) / 16 in every frame from the 16th consecutive still one; 0.75 <= gain_c <= 1.25.
 //             Without visible markers 127/128 of the samples must be uniform: a small contact may change the whole
 //             picture a little
 //
 // image/light_map.h follows each channel's drift over the picture.
 //
-// One gain per channel cannot take a contact's shape, and a moved marker or a shaded eighth of the picture stops it: a
-// static contact is never learned. At 60 Hz it follows 2.9 % per second. `is_wrong`: the light differs from that at
-// rest and has not been followed yet, any of:
+// One gain per channel cannot take a contact's shape, and a moved marker or a shaded eighth (without visible markers:
+// 1/128) of the picture stops it: a static contact is not learned, unless it changes less than that. At 60 Hz it
+// follows 2.9 % per second. `is_wrong`: the light differs from that at rest and has not been followed yet, any of:
 //   the frame is still, and |m| > 4 % in a channel
 //   at least half of the samples are uniform, and |m_B + m_G + m_R| > 18 %: no slope of the surface does that, because
 //     it takes from one lamp what it gives to another
 //   markers are seen, all at rest, and more than a sixth of the samples are not uniform, as when part of a lamp fails
 //   the map's `is_wrong`
 // stages/difference/light_stage.cpp adds is_lit_from_outside() and is_lit_from_one_side(). If the calibration uses the
-// frame's level (below), an unreliable level takes the place of the first three.
+// frame's level (below), an unreliable level replaces the first three.
 //
 // level(): relative change of a frame's light, computed from this frame alone, for cameras that change white balance or
-// exposure with every touch: starting from m, three rounds of the mean of the samples within 8 % of the round before, in
-// all three channels.
+// exposure with every touch. It starts from m; three times it becomes the mean of the samples that are within 8 % of it
+// in all three channels.
 // The calibration states whether it is used (`photometric.balance`): a contact that shades most of the picture would
 // shift it.
 //

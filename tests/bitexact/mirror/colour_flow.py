@@ -23,6 +23,20 @@ def smoothed(levels: npt.NDArray[np.integer]) -> I64:
     return np.asarray((rows[:-2] + 2 * rows[1:-1] + rows[2:] + 8) >> 4)
 
 
+def bilinear(picture: I64, at: I64, row: I64, column: I64) -> I64:
+    """(n, rows * columns) of the picture at patches whose first pixels are `at`, (n, 2) in Q16 px."""
+    i, f = at >> 16, (at & 0xFFFF) >> 1
+    yy, xx = i[:, 1, None, None] + row[:, None], i[:, 0, None, None] + column
+    fx, fy = f[:, 0, None, None], f[:, 1, None, None]
+
+    def between(a: I64, b: I64, q15: I64) -> I64:
+        return a + round_shift((b - a) * q15, 15)
+
+    upper = between(picture[yy, xx], picture[yy, xx + 1], fx)
+    lower = between(picture[yy + 1, xx], picture[yy + 1, xx + 1], fx)
+    return between(upper, lower, fy).reshape(len(at), -1)
+
+
 def _scaled(v: I64) -> tuple[I64, int]:
     bits = int(np.abs(v).max()).bit_length()
     return (v >> (bits - BITS), bits) if bits > BITS else (v << (BITS - bits), bits)
@@ -95,16 +109,7 @@ class ColourFlow:
 
     def _sample(self, picture: I64, u: I64) -> I64:
         at = np.clip((np.stack([self.x, self.y], axis=1) << 16) + u, 0, self.limit)
-        i, f = at >> 16, (at & 0xFFFF) >> 1
-        yy, xx = i[:, 1, None, None] + self.row[:, None], i[:, 0, None, None] + self.column
-        fx, fy = f[:, 0, None, None], f[:, 1, None, None]
-
-        def between(a: I64, b: I64, q15: I64) -> I64:
-            return a + round_shift((b - a) * q15, 15)
-
-        upper = between(picture[yy, xx], picture[yy, xx + 1], fx)
-        lower = between(picture[yy + 1, xx], picture[yy + 1, xx + 1], fx)
-        return between(upper, lower, fy).reshape(len(u), -1)
+        return bilinear(picture, at, self.row, self.column)
 
     def step(self, frame: npt.NDArray[np.uint8], u: I64, quality: I64) -> tuple[I64, Bools, I64]:
         """u after one step, where the step was cut to a pixel, and the quality that then holds."""

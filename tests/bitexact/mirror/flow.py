@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mirror.board import Board, center_q16
-from mirror.colour_flow import ColourFlow
+from mirror.colour_flow import ColourFlow, bilinear
 from mirror.fixed import I64, round_shift
 from mirror.markers import ABSENT, DX, DY, LOST, X, Y
 
@@ -99,16 +99,7 @@ class Templates:
 
     def sample(self, picture: I64, u: I64) -> I64:
         at = np.clip((np.stack([self.x, self.y], axis=1) << 16) + u, 0, self.limit)
-        i, f = at >> 16, (at & 0xFFFF) >> 1
-        yy, xx = i[:, 1, None, None] + self.row[:, None], i[:, 0, None, None] + self.column
-        fx, fy = f[:, 0, None, None], f[:, 1, None, None]
-
-        def between(a: I64, b: I64, q15: I64) -> I64:
-            return a + round_shift((b - a) * q15, 15)
-
-        upper = between(picture[yy, xx], picture[yy, xx + 1], fx)
-        lower = between(picture[yy + 1, xx], picture[yy + 1, xx + 1], fx)
-        return between(upper, lower, fy).reshape(len(u), -1)
+        return bilinear(picture, at, self.row, self.column)
 
     def step(self, picture: I64, u: I64) -> tuple[I64, Bools]:
         """u after one step, and where the step was cut to a pixel."""

@@ -6,7 +6,7 @@
 
 namespace ruffini::client {
 
-// Keep one for each line. It outlives the Decoders, of which each reconnection needs a new one.
+// Keep one for each line, over all Decoders; each reconnection needs a new Decoder.
 class DamageWatch {
  public:
   // `n_damaged`: Counters::damaged() of the current Decoder. `now_s`: a monotonic clock. True when the line becomes unfit.
@@ -24,7 +24,7 @@ class DamageWatch {
   [[nodiscard]] bool is_unfit(double now_s) const { return now_s - last_s_[0] < kIntervalS; }
 
  private:
-  // One damaged frame in six minutes is ten an hour; one in 2^32 of them undetected makes 2.3e-9 wrong frames an hour.
+  // One damaged frame in six minutes is ten an hour. The CRC passes one in 2^32 of these: 2.3e-9 wrong frames an hour.
   static constexpr double kIntervalS = 360.0, kLongAgoS = -1e12;
 
   std::array<double, 2> last_s_{kLongAgoS, kLongAgoS};  // times of the last two damaged frames

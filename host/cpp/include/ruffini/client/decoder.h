@@ -1,6 +1,6 @@
-// Decodes the bytes of a sensor's line to typed messages. Any input is safe: it cannot crash the decoder, and damaged
-// data is counted. Limits: 4 million values a grid, 64 contacts, 16 sensors. Memory stays below 100 MB if feed() is given a
-// callback, or some kB at a time.
+// Decodes the bytes of a sensor's line to typed messages. No input can crash the decoder; damaged data is counted.
+// Limits: 4 million values a grid, 64 contacts, 16 sensors. Memory stays below 100 MB if feed() is called with a
+// callback, or with some kB at a time.
 #pragma once
 
 #include <array>
@@ -47,7 +47,7 @@ struct Packet {
   bool is_simulated = false;  // derived from a simulated camera
   bool is_replay = false;     // derived from a recording
   Message message;
-  std::vector<uint8_t> payload;  // protobuf (ruffini.proto): gives access to fields that Message lacks
+  std::vector<uint8_t> payload;  // protobuf (ruffini.proto), also with the fields that Message lacks
 };
 
 // Counts of discarded data by reason, and of missing messages.

@@ -1,7 +1,9 @@
-// Messages of a sensor in SI units. Origin: centre of the undeformed pad's surface, x right and y down in the camera's
-// image, z out of the pad. Forces act ON the pad: pressing is negative z. A number may be NaN only if the comment on it
-// or on its struct says so; others are as transmitted, whatever the validity. Messages of one camera frame, such as
-// WRENCH and CONTACTS, have the same Stamp::frame.
+// Messages of a sensor, in SI units unless a name or comment says otherwise.
+//
+// The origin is the centre of the undeformed pad's surface, x right and y down in the camera's image, z out of the pad.
+// Forces act ON the pad: pressing is negative z. A number may be NaN only if the comment on it or on its struct says
+// so; others are as transmitted, whatever the validity. Messages of one camera frame, such as WRENCH and CONTACTS, have
+// the same Stamp::frame.
 #pragma once
 
 #include <array>
@@ -85,7 +87,7 @@ enum ReplyCode : uint32_t {
 
 struct Stamp {
   uint64_t capture_us = 0;  // exposure midpoint, monotonic clock of the device
-  uint64_t frame = 0;       // the camera's number; with a subscription to each frame gaps mean dropped ones
+  uint64_t frame = 0;       // number of the camera frame; if every frame is subscribed, gaps are dropped frames
   uint32_t flags = 0;       // mask of Flag
   uint32_t calibration_id = 0;
 };
@@ -98,7 +100,7 @@ struct Measured {
 
 struct Wrench {
   Stamp stamp;
-  // x, y, z. On a skin z is no component but the sum of its touches' normal forces: use SkinTouch::normal_force_n.
+  // x, y, z. On a skin z is the sum of the touches' normal forces, not a component: use SkinTouch::normal_force_n.
   std::array<Measured, 3> force_n;
   std::array<Measured, 3> torque_n_m;  // about the origin
   // Covariance of (fx, fy, fz, tx, ty, tz), N and N m; nullopt if it is not VALID: absent does not mean zero. Entries of
@@ -106,7 +108,7 @@ struct Wrench {
   std::optional<std::array<std::array<double, 6>, 6>> covariance;
 };
 
-// Transmitted integers, even when not VALID, on a grid of n_x x n_y places, x fastest, n_components each.
+// Integers as transmitted, even when not VALID, on a grid of n_x x n_y places, x fastest, n_components each.
 struct Grid {
   uint32_t n_x = 0;
   uint32_t n_y = 0;
@@ -121,9 +123,9 @@ struct Field {
   Validity sigma_validity = Validity::kNotMeasured;
   double force_step_n = 0.0;
   double displacement_step_m = 0.0;
-  Grid force_steps;         // of force_step_n
-  Grid displacement_steps;  // of displacement_step_m; empty: not sent
-  Grid sigma_steps;         // standard deviation of force, of force_step_n; empty: not measured
+  Grid force_steps;         // in units of force_step_n
+  Grid displacement_steps;  // in units of displacement_step_m; empty: not sent
+  Grid sigma_steps;         // standard deviation of force, in units of force_step_n; empty: not measured
   Grid slip;                // 0 not pressed, 1 sticks, 2 slips; empty: not measured
 
   // Values of one node, NaN along axes that are not VALID. Precondition: node < force_steps.n_nodes().
@@ -138,7 +140,7 @@ struct Depth {
   double step_m = 0.0;
   uint32_t step_px = 0;  // cell size in pixels of the camera
   double sigma_m = 0.0;  // standard deviation of a touched cell; 0: not stated
-  Grid depth_steps;      // of step_m, negative where pressed
+  Grid depth_steps;      // in units of step_m, negative where pressed
 
   // NaN unless VALID. Precondition: cell < depth_steps.n_nodes().
   [[nodiscard]] double depth_m_at(size_t cell) const;
@@ -150,7 +152,7 @@ struct Residual {
   Stamp stamp;
   Validity validity = Validity::kNotMeasured;
   double step = 0.0;    // standard deviations
-  Grid residual_steps;  // of `step`, along x, y, z; empty: not measured
+  Grid residual_steps;  // in units of `step`, along x, y, z; empty: not measured
 
   // Residual of one node in standard deviations; NaN unless VALID. Precondition: node < residual_steps.n_nodes().
   [[nodiscard]] std::array<double, 3> sigmas_at(size_t node) const;
@@ -188,7 +190,7 @@ enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
 // From the motion of the pad's texture in the image. The numbers after a validity are NaN unless it is VALID.
 struct ContactModel {
   ContactKind kind = ContactKind::kNotTold;
-  double kind_confidence = kNaN;                        // 0.5 to 1
+  double kind_confidence = kNaN;                        // 0.5 to 1; NaN: kind not told
   Validity depth_validity = Validity::kNotMeasured;     // of the next four
   double gel_depth_m = kNaN, gel_depth_sigma_m = kNaN;  // of the gel
   double press_depth_m = kNaN;      // travel of the object since it touched, including its own deformation
@@ -228,12 +230,12 @@ struct Contact {
   std::optional<FlowParts> flow_parts;
 };
 
-// The last squeeze of an object, until the next one. NaN unless VALID; an infinite modulus is a rigid object's, an
-// infinite upper limit none.
+// The last squeeze of an object, until the next one. Numbers are NaN unless VALID. An infinite modulus_pa means a rigid
+// object, an infinite high_pa no upper limit.
 struct Softness {
   Validity validity = Validity::kNotMeasured;
   uint32_t squeeze = 0;      // number of squeezes since rest was learned, this one included
-  uint32_t n_frames = 0;     // while the force rose, over which the modulus is averaged
+  uint32_t n_frames = 0;     // frames while the force rose, over which the modulus is averaged
   double modulus_pa = kNaN;  // E / (1 - nu^2)
   double low_pa = kNaN;      // one standard deviation below
   double high_pa = kNaN;     // one standard deviation above
@@ -248,7 +250,7 @@ struct Contacts {
   std::optional<Softness> softness;  // absent: the board has no stage softness
 };
 
-// Markers, patches or targets in the image. Has no validity: places in the image are measured before any force.
+// Markers, patches or targets in the image, without validity: places in the image are measured before any force.
 struct Markers {
   Stamp stamp;
   double step_px = 0.0;
@@ -276,7 +278,7 @@ struct SensorInfo {
   std::array<double, 2> grid_origin_m{};  // x, y of the first node
   std::array<double, 2> grid_step_m{};    // distance between nodes along x, y
   std::vector<std::string> not_measured;  // quantities that this board cannot measure, e.g. "torque_z"
-  bool is_calibrated = false;             // the next three are of this calibration
+  bool is_calibrated = false;             // the next three describe the calibration
   bool has_development_key = false;       // signed with the public development key: anybody can make one
   bool is_on_trial = false;               // not confirmed yet: a restart restores the previous one
   std::string calibration_summary;        // checks of its report: "passed", or which failed; empty: no report
@@ -296,9 +298,9 @@ struct Hello {
 struct Status {
   uint64_t uptime_us = 0, frames_captured = 0, frames_processed = 0;
   double frame_rate_hz = 0.0;
-  uint64_t replaced_frames = 0;  // by newer ones before they were processed
-  uint64_t invalid_frames = 0;   // unreadable
-  uint64_t dropped_packets = 0;  // not read by the host in time
+  uint64_t replaced_frames = 0;  // replaced by newer frames before they were processed
+  uint64_t invalid_frames = 0;   // damaged, of another size or exposure, or unpaired
+  uint64_t dropped_packets = 0;  // messages that the host did not read in time
   uint32_t health = 0;           // mask of HealthBit; 0: no problem
   std::vector<std::pair<std::string, double>> temperatures_c;
 };
