@@ -1,9 +1,9 @@
 // Finds connected components in an image of weights that arrives row by row, and accumulates sums of each in a single
 // pass.
 //
-// Components are 4-connected. A label is an index into the list of components. After a union the child points to its
-// parent, and the smaller index survives, so a component keeps the position of its first pixel. Frame thread; no
-// allocation after the constructor.
+// Components are 4-connected; a run of pixels side by side gets one label. A label is an index into the list of
+// components. After a union the child points to its parent, and the smaller index survives, so a component keeps the
+// position of its first pixel. Frame thread; no allocation after the constructor.
 #pragma once
 
 #include <cstdint>
