@@ -17,6 +17,7 @@ Blobs::Blobs(int width_px, int height_px)
 
 void Blobs::start() {
   n_ = 0;
+  is_labelled_ = false;
   std::fill(label_.begin(), label_.end(), -1);
 }
 
@@ -43,48 +44,67 @@ int Blobs::join(int a, int b) {
   return a;
 }
 
-void Blobs::count(Blob& blob, int x, int y, int32_t weight) const {
-  ++blob.area;
-  blob.touches_border = blob.touches_border || x == 0 || y == 0 || x == width_px_ - 1 || y == height_px_ - 1;
-  blob.x += x;
-  blob.y += y;
-  blob.weight += weight;
-  blob.weight_x += int64_t{weight} * x;
-  blob.weight_y += int64_t{weight} * y;
+// Adds the pixels [from, to) of row y, none of them zero, to the components above them, which it joins, or to a new one.
+void Blobs::add_run(const int16_t* weight, int y, int from, int to) {
+  int label = -1;
+  int last_above = -1;
+  int64_t sum = 0;
+  int64_t sum_x = 0;
+  for (int x = from; x < to; ++x) {
+    const int above = label_[static_cast<size_t>(x)];
+    if (above >= 0 && above != last_above) {
+      label = label < 0 ? find(above) : join(label, above);
+      last_above = above;
+    }
+    sum += weight[x];
+    sum_x += int64_t{weight[x]} * x;
+  }
+  if (label < 0) {
+    label = n_++;
+    Blob& fresh = blobs_[static_cast<size_t>(label)];
+    fresh = {};
+    fresh.parent = label;
+  }
+  std::fill(label_.begin() + from, label_.begin() + to, label);
+  Blob& blob = blobs_[static_cast<size_t>(label)];
+  const int n = to - from;
+  blob.area += n;
+  blob.touches_border = blob.touches_border || from == 0 || y == 0 || to == width_px_ || y == height_px_ - 1;
+  blob.x += int64_t{n} * (from + to - 1) / 2;
+  blob.y += int64_t{n} * y;
+  blob.weight += sum;
+  blob.weight_x += sum_x;
+  blob.weight_y += sum * y;
 }
 
 void Blobs::add(std::span<const int16_t> weight, int y) {
-  int left = -1;
-  for (int x = 0; x < width_px_; ++x) {
+  const auto are_zero = [&](size_t at) {
+    uint64_t several[2];
+    std::memcpy(several, &weight[at], sizeof several);
+    return (several[0] | several[1]) == 0;
+  };
+  bool is_zero = true;
+  for (size_t at = 0; at < label_.size() && is_zero; at += kZeroRun) is_zero = are_zero(at);
+  if (is_zero) {  // most rows are, and follow another one
+    if (is_labelled_) std::fill(label_.begin(), label_.end(), -1);
+    is_labelled_ = false;
+    return;
+  }
+  is_labelled_ = true;
+  for (int x = 0; x < width_px_;) {
     const auto at = static_cast<size_t>(x);
-    if (x % kZeroRun == 0) {  // most weights are zero
-      uint64_t several[2];
-      std::memcpy(several, &weight[at], sizeof several);
-      if ((several[0] | several[1]) == 0) {
-        std::fill_n(&label_[at], kZeroRun, -1);
-        left = -1;
-        x += kZeroRun - 1;
-        continue;
-      }
-    }
-    int& label = label_[at];
-    const int above = label;
-    if (weight[at] == 0) {
-      label = left = -1;
-      continue;
-    }
-    if (left >= 0 && above >= 0) {
-      label = join(left, above);
-    } else if (left >= 0 || above >= 0) {
-      label = find(std::max(left, above));
+    if (x % kZeroRun == 0 && are_zero(at)) {
+      std::fill_n(&label_[at], kZeroRun, -1);
+      x += kZeroRun;
+    } else if (weight[at] == 0) {
+      label_[at] = -1;
+      ++x;
     } else {
-      label = n_++;
-      Blob& fresh = blobs_[static_cast<size_t>(label)];
-      fresh = {};
-      fresh.parent = label;
+      int end = x + 1;
+      while (end < width_px_ && weight[static_cast<size_t>(end)] != 0) ++end;
+      add_run(weight.data(), y, x, end);
+      x = end;
     }
-    left = label;
-    count(blobs_[static_cast<size_t>(label)], x, y, weight[at]);
   }
 }
 

@@ -1,9 +1,9 @@
 // Finds connected components in an image of weights that arrives row by row, and accumulates sums of each in a single
 // pass.
 //
-// Components are 4-connected. A label is an index into the list of components. After a union the child points to its
-// parent, and the smaller index survives, so a component keeps the position of its first pixel. Frame thread; no
-// allocation after the constructor.
+// Components are 4-connected; a run of pixels side by side gets one label. A label is an index into the list of
+// components. After a union the child points to its parent, and the smaller index survives, so a component keeps the
+// position of its first pixel. Frame thread; no allocation after the constructor.
 #pragma once
 
 #include <cstdint>
@@ -41,10 +41,11 @@ class Blobs {
  private:
   int find(int blob);
   int join(int a, int b);
-  void count(Blob& blob, int x, int y, int32_t weight) const;
+  void add_run(const int16_t* weight, int y, int from, int to);
 
   int width_px_;
   int height_px_;
+  bool is_labelled_ = false;    // not all of label_ are -1
   std::vector<int32_t> label_;  // labels of the row above, overwritten by those of the current row; -1: none
   std::unique_ptr<Blob[]> blobs_;
   int n_ = 0;

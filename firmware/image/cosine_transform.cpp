@@ -4,7 +4,16 @@
 
 namespace ruffini {
 
-CosineTables::CosineTables(int n) : n_(n), leaf_n_(n) {
+namespace {
+
+CosineTables::OfFive cosines_of_five() {
+  const auto c = [](int64_t j) { return cos_pi_q30(j, 20); };
+  return {c(2), c(4), c(6), c(8), c(5), 2 * c(5), c(1) + c(9), c(1) - c(9), c(3) + c(7), c(3) - c(7)};
+}
+
+}  // namespace
+
+CosineTables::CosineTables(int n) : n_(n), leaf_n_(n), of_five_(cosines_of_five()) {
   for (int m = n; m % 2 == 0; m /= 2) {
     std::vector<Rotation> rotations;
     for (int i = 0; i < m / 2; ++i) {

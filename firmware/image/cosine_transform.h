@@ -6,7 +6,8 @@
 // An even n is split: sums and differences of mirrored positions give II(n) = II(n/2) and IV(n/2), interleaved; III(n)
 // likewise. A type IV of even length m is m/2 rotations by pi (2 i + 1) / (4 m), two II(m/2) and m/2 - 1 sums and
 // differences. Odd lengths, the leaves, are plain sums of products. Coefficients are Q30; each rotation and each leaf
-// rounds once, half up.
+// rounds once, half up. Leaves of length 5, those of all common pictures, are computed ten values at a time, in
+// registers, by the same sums with their coefficients' symmetries, which are exact in integers (OfFive).
 //
 // Bound: every intermediate value is a sum of inputs with coefficients within +-1, each input at most once. So n
 // max|input| + n <= 2^30 keeps all values within 31 bits and all sums of products within 62.
@@ -29,8 +30,18 @@ class CosineTables {
     int32_t w_b = 0;
   };
 
+  // With C(j) = cos(pi j / 20), Q30:
+  struct OfFive {
+    int32_t c2, c4, c6, c8;
+    int32_t c5, c5_twice;
+    int32_t sum_1_9, difference_1_9, sum_3_7, difference_3_7;  // C(1) +- C(9), C(3) +- C(7): below 2
+  };
+
   [[nodiscard]] int length(size_t level) const { return n_ >> level; }
   [[nodiscard]] int leaf_length() const { return leaf_n_; }
+  // True for the length 10 above leaves of length 5.
+  [[nodiscard]] bool is_two_fives(size_t level) const { return n_ >> level == 10; }
+  [[nodiscard]] const OfFive& of_five() const { return of_five_; }
   [[nodiscard]] bool is_leaf(size_t level) const { return level == rotation_.size(); }
   // Rotations of the type IV of length n >> level, which is even.
   [[nodiscard]] const Rotation* rotation(size_t level) const { return rotation_[level].data(); }
@@ -43,6 +54,7 @@ class CosineTables {
  private:
   int n_;
   int leaf_n_;
+  OfFive of_five_;
   std::vector<std::vector<Rotation>> rotation_;  // for each level that is not the leaf
   std::vector<int32_t> leaf_ii_;
   std::vector<int32_t> leaf_iii_;
@@ -66,14 +78,8 @@ class CosineTransform {
   // Computes the outputs, `stride` apart, from inputs `in_stride` apart. row(k): the k-th row of coefficients.
   template <typename Row>
   void leaf(const V* in, int in_stride, V* out, int stride, Row row) const {
-    switch (tables_.leaf_length()) {  // common lengths are unrolled
-      case 3:
-        return sums_of_products<3>(in, in_stride, out, stride, row);
-      case 5:
-        return sums_of_products<5>(in, in_stride, out, stride, row);
-      default:
-        return sums_of_products<0>(in, in_stride, out, stride, row);
-    }
+    if (tables_.leaf_length() == 3) return sums_of_products<3>(in, in_stride, out, stride, row);  // unrolled
+    sums_of_products<0>(in, in_stride, out, stride, row);
   }
   template <int kLength, typename Row>
   void sums_of_products(const V* in, int in_stride, V* out, int stride, Row row) const {
@@ -86,7 +92,113 @@ class CosineTransform {
     }
   }
 
+  static V narrow(typename L::Wide sum) { return L::template narrow<kFraction>(sum); }
+
+  // II(5), whose coefficients are C(2 k (2 i + 1)): C(0) = 1, C(10) = 0, C(20 - j) = -C(j), and whole inputs need no
+  // rounding.
+  void ii_5(const V* x, V* out) const {
+    const CosineTables::OfFive& c = tables_.of_five();
+    const V s_0 = L::add(x[0], x[4]);
+    const V s_1 = L::add(x[1], x[3]);
+    const V d_0 = L::sub(x[0], x[4]);
+    const V d_1 = L::sub(x[1], x[3]);
+    out[0] = L::add(L::add(s_0, s_1), x[2]);
+    out[1] = narrow(L::add_scaled(L::scale(d_0, c.c2), d_1, c.c6));
+    out[2] = L::sub(narrow(L::sub_scaled(L::scale(s_0, c.c4), s_1, c.c8)), x[2]);
+    out[3] = narrow(L::sub_scaled(L::scale(d_0, c.c6), d_1, c.c2));
+    out[4] = L::add(narrow(L::sub_scaled(L::scale(s_0, c.c8), s_1, c.c4)), x[2]);
+  }
+
+  // III(5), the transpose of II(5).
+  void iii_5(const V* x, V* out) const {
+    const CosineTables::OfFive& c = tables_.of_five();
+    const auto even_0 = L::add_scaled(L::scale(x[2], c.c4), x[4], c.c8);
+    const auto minus_even_1 = L::add_scaled(L::scale(x[2], c.c8), x[4], c.c4);
+    const auto odd_0 = L::add_scaled(L::scale(x[1], c.c2), x[3], c.c6);
+    const auto odd_1 = L::sub_scaled(L::scale(x[1], c.c6), x[3], c.c2);
+    const auto minus_odd_1 = L::sub_scaled(L::scale(x[3], c.c2), x[1], c.c6);
+    out[0] = L::add(x[0], narrow(L::add_wide(even_0, odd_0)));
+    out[1] = L::add(x[0], narrow(L::sub_wide(odd_1, minus_even_1)));
+    out[2] = L::add(L::sub(x[0], x[2]), x[4]);
+    out[3] = L::add(x[0], narrow(L::sub_wide(minus_odd_1, minus_even_1)));
+    out[4] = L::add(x[0], narrow(L::sub_wide(even_0, odd_0)));
+  }
+
+  // IV(5): twice the outputs 0 and 4, and 1 and 3, are a sum and a difference of their own sum and difference, each of
+  // which needs half as many products.
+  void iv_5(const V* x, V* out) const {
+    const CosineTables::OfFive& c = tables_.of_five();
+    const V s_0 = L::add(x[0], x[4]);
+    const V s_1 = L::add(x[1], x[3]);
+    const V d_0 = L::sub(x[0], x[4]);
+    const V d_1 = L::sub(x[1], x[3]);
+    const auto middle = L::scale(x[2], c.c5_twice);
+    const auto sum_04 = L::add_wide(L::add_scaled(L::scale(s_0, c.sum_1_9), d_1, c.difference_3_7), middle);
+    const auto difference_04 = L::add_scaled(L::scale(d_0, c.difference_1_9), s_1, c.sum_3_7);
+    const auto sum_13 = L::sub_scaled(L::scale(d_0, c.sum_3_7), s_1, c.difference_1_9);
+    const auto difference_13 = L::sub_wide(L::add_scaled(L::scale(s_0, c.difference_3_7), d_1, c.sum_1_9), middle);
+    out[0] = L::template narrow<kFraction + 1>(L::add_wide(sum_04, difference_04));
+    out[1] = L::template narrow<kFraction + 1>(L::add_wide(sum_13, difference_13));
+    out[2] = narrow(L::scale(L::sub(L::sub(s_0, d_1), x[2]), c.c5));
+    out[3] = L::template narrow<kFraction + 1>(L::sub_wide(sum_13, difference_13));
+    out[4] = L::template narrow<kFraction + 1>(L::sub_wide(sum_04, difference_04));
+  }
+
+  void ii_10(const V* in, V* out, int stride) const {
+    V sum[5], difference[5], even[5], odd[5];
+    for (int i = 0; i < 5; ++i) {
+      sum[i] = L::add(in[i], in[9 - i]);
+      difference[i] = L::sub(in[i], in[9 - i]);
+    }
+    ii_5(sum, even);
+    iv_5(difference, odd);
+    for (int k = 0; k < 5; ++k) {
+      out[2 * k * stride] = even[k];
+      out[(2 * k + 1) * stride] = odd[k];
+    }
+  }
+
+  void iii_10(const V* in, int stride, V* out) const {
+    V even[5], odd[5], sum[5], difference[5];
+    for (int k = 0; k < 5; ++k) {
+      even[k] = in[2 * k * stride];
+      odd[k] = in[(2 * k + 1) * stride];
+    }
+    iii_5(even, sum);
+    iv_5(odd, difference);
+    for (int i = 0; i < 5; ++i) {
+      out[i] = L::add(sum[i], difference[i]);
+      out[9 - i] = L::sub(sum[i], difference[i]);
+    }
+  }
+
+  void iv_10(const CosineTables::Rotation* rotation, const V* in, int in_stride, V* out, int stride) const {
+    V a[5], b[5], u[5], w[5];
+    for (int i = 0; i < 5; ++i) rotate(rotation[i], in[i * in_stride], in[(9 - i) * in_stride], a[i], b[i]);
+    ii_5(a, u);
+    ii_5(b, w);
+    merge<5>(u, w, 5, out, stride);
+  }
+
+  static void rotate(const CosineTables::Rotation& r, V a, V b, V& u, V& w) {
+    u = narrow(L::add_scaled(L::scale(a, r.c), b, r.s));
+    w = narrow(L::add_scaled(L::scale(a, r.w_a), b, r.w_b));
+  }
+
+  // The last step of a type IV, from two type II of its halves. kHalf: `half` if it is known when compiled, else 0.
+  template <int kHalf>
+  static void merge(const V* u, const V* w, int half, V* out, int stride) {
+    const int n = kHalf > 0 ? kHalf : half;
+    out[0] = u[0];
+    for (int k = 1; k < n; ++k) {
+      out[2 * k * stride] = L::add(u[k], w[n - k]);
+      out[(2 * k - 1) * stride] = L::sub(u[k], w[n - k]);
+    }
+    out[(2 * n - 1) * stride] = L::sub(L::broadcast(0), w[0]);
+  }
+
   void type_ii(size_t level, const V* in, V* out, int stride, V* work) const {
+    if (tables_.is_two_fives(level)) return ii_10(in, out, stride);
     if (tables_.is_leaf(level)) {
       return leaf(in, 1, out, stride, [&](int k) { return tables_.leaf_ii(k); });
     }
@@ -101,6 +213,7 @@ class CosineTransform {
   }
 
   void type_iii(size_t level, const V* in, int stride, V* out, V* work) const {
+    if (tables_.is_two_fives(level)) return iii_10(in, stride, out);
     if (tables_.is_leaf(level)) {
       return leaf(in, stride, out, 1, [&](int i) { return tables_.leaf_iii(i); });
     }
@@ -122,23 +235,15 @@ class CosineTransform {
     const int m = tables_.length(level);
     const int half = m / 2;
     const CosineTables::Rotation* rotation = tables_.rotation(level);
+    if (tables_.is_two_fives(level)) return iv_10(rotation, in, in_stride, out, stride);
     for (int i = 0; i < half; ++i) {
-      const CosineTables::Rotation& r = rotation[i];
-      const V a = in[i * in_stride];
-      const V b = in[(m - 1 - i) * in_stride];
-      work[i] = L::template narrow<kFraction>(L::add_scaled(L::scale(a, r.c), b, r.s));
-      work[half + i] = L::template narrow<kFraction>(L::add_scaled(L::scale(a, r.w_a), b, r.w_b));
+      rotate(rotation[i], in[i * in_stride], in[(m - 1 - i) * in_stride], work[i], work[half + i]);
     }
     V* u = work + m;
     V* w = u + half;
     type_ii(level + 1, work, u, 1, work + 2 * m);
     type_ii(level + 1, work + half, w, 1, work + 2 * m);
-    out[0] = u[0];
-    for (int k = 1; k < half; ++k) {
-      out[2 * k * stride] = L::add(u[k], w[half - k]);
-      out[(2 * k - 1) * stride] = L::sub(u[k], w[half - k]);
-    }
-    out[(m - 1) * stride] = L::sub(L::broadcast(0), w[0]);
+    merge<0>(u, w, half, out, stride);
   }
 
   const CosineTables& tables_;

@@ -1,5 +1,6 @@
 // NEON version of dot_weights.h, eight pixels at a time. Bounds beside those of dot_weights.h: a threshold is below
 // 12,240 2^16 / 2^15, so background, grey and threshold fit 16 bits without a sign, and rows differ by less than 2^15.
+// The background is (floor(box inverse / 2^31) + 1) >> 1, which is (box inverse + 2^31) >> 32.
 #pragma once
 
 #include "image/dot_weights.h"
@@ -53,8 +54,8 @@ class DotWeightsNeon {
     const uint16x4_t threshold_q15 = vdup_n_u16(static_cast<uint16_t>(row.threshold_q15));
     const auto background = [&](int x) {
       const int32x4_t box = vsubq_s32(vld1q_s32(high + x), vld1q_s32(row.prefix_sum + x));
-      const int32x4_t mean = NeonLanes::narrow<32>(NeonLanes::mul(box, vld1q_s32(row.inverse_q32 + x)));
-      return vmovn_u32(vreinterpretq_u32_s32(mean));
+      const int32x4_t twice = vqdmulhq_s32(box, vld1q_s32(row.inverse_q32 + x));
+      return vrshrn_n_u32(vreinterpretq_u32_s32(twice), 1);
     };
     const auto below = [&](uint16x4_t level) { return vshrn_n_u32(vmull_u16(level, threshold_q15), 15); };
     for (int x = 0; x < whole; x += kCount) {

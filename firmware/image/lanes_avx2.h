@@ -76,10 +76,12 @@ struct Avx2Lanes {
     return {_mm256_mul_epi32(a, broadcast(c)), _mm256_mul_epi32(_mm256_srli_epi64(a, 32), broadcast(c))};
   }
   static Wide add_wide(Wide a, Wide b) { return {_mm256_add_epi64(a.even, b.even), _mm256_add_epi64(a.odd, b.odd)}; }
+  static Wide sub_wide(Wide a, Wide b) { return {_mm256_sub_epi64(a.even, b.even), _mm256_sub_epi64(a.odd, b.odd)}; }
   static Wide add_scaled(Wide sum, V a, int32_t c) {
     const Wide product = scale(a, c);
     return {_mm256_add_epi64(sum.even, product.even), _mm256_add_epi64(sum.odd, product.odd)};
   }
+  static Wide sub_scaled(Wide sum, V a, int32_t c) { return sub_wide(sum, scale(a, c)); }
   static V narrow(Wide sum, int shift) {
     const __m256i half = _mm256_set1_epi64x(int64_t{1} << (shift - 1));
     const __m256i even = _mm256_srl_epi64(_mm256_add_epi64(sum.even, half), _mm_cvtsi32_si128(shift));
@@ -91,6 +93,8 @@ struct Avx2Lanes {
   static V narrow(Wide sum) {
     return narrow(sum, kShift);
   }
+
+  static V mul_q31(V a, V b) { return narrow<31>(mul(a, b)); }
 
   static V gather(const int32_t* table, V index) { return _mm256_i32gather_epi32(table, index, 4); }
   static void gather_pair(const int32_t* table, V index, V& first, V& second) {

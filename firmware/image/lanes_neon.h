@@ -68,8 +68,12 @@ struct NeonLanes {
   static Wide mul(V a, V b) { return {vmull_s32(vget_low_s32(a), vget_low_s32(b)), vmull_high_s32(a, b)}; }
   static Wide scale(V a, int32_t c) { return mul(a, broadcast(c)); }
   static Wide add_wide(Wide a, Wide b) { return {vaddq_s64(a.low, b.low), vaddq_s64(a.high, b.high)}; }
+  static Wide sub_wide(Wide a, Wide b) { return {vsubq_s64(a.low, b.low), vsubq_s64(a.high, b.high)}; }
   static Wide add_scaled(Wide sum, V a, int32_t c) {
     return {vmlal_s32(sum.low, vget_low_s32(a), vdup_n_s32(c)), vmlal_high_s32(sum.high, a, broadcast(c))};
+  }
+  static Wide sub_scaled(Wide sum, V a, int32_t c) {
+    return {vmlsl_s32(sum.low, vget_low_s32(a), vdup_n_s32(c)), vmlsl_high_s32(sum.high, a, broadcast(c))};
   }
   static V narrow(Wide sum, int shift) {
     const int64x2_t right = vdupq_n_s64(-shift);
@@ -84,6 +88,8 @@ struct NeonLanes {
     return vcombine_s32(vrshrn_n_s64(sum.low, kShift), vrshrn_n_s64(sum.high, kShift));
 #endif
   }
+
+  static V mul_q31(V a, V b) { return vqrdmulhq_s32(a, b); }
 
   static V gather(const int32_t* table, V index) {
     const int32_t found[kCount] = {table[vgetq_lane_s32(index, 0)], table[vgetq_lane_s32(index, 1)],

@@ -62,7 +62,9 @@ struct ScalarLanes {
   // Every lane times the same number.
   static Wide scale(V a, int32_t c) { return int64_t{a} * c; }
   static Wide add_wide(Wide a, Wide b) { return a + b; }
+  static Wide sub_wide(Wide a, Wide b) { return a - b; }
   static Wide add_scaled(Wide sum, V a, int32_t c) { return sum + int64_t{a} * c; }
+  static Wide sub_scaled(Wide sum, V a, int32_t c) { return sum - int64_t{a} * c; }
   // Half up. Precondition: 1 <= shift <= 32 and the result fits 32 bits.
   static V narrow(Wide sum, int shift) { return static_cast<V>(round_shift(sum, shift)); }
 
@@ -71,6 +73,9 @@ struct ScalarLanes {
   static V narrow(Wide sum) {
     return narrow(sum, kShift);
   }
+
+  // a b / 2^31, half up. Precondition: not both are -2^31.
+  static V mul_q31(V a, V b) { return narrow<31>(mul(a, b)); }
 
   static V gather(const int32_t* table, V index) { return table[index]; }
   // Looks up two entries side by side.

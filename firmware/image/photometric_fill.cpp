@@ -1,6 +1,19 @@
 #include "image/photometric_fill.h"
 
+#include <cstring>
+
 namespace ruffini {
+namespace {
+
+// True if one of four numbers, none of them negative, is zero: the lowest zero is the first from which a one is borrowed.
+bool has_zero(const int16_t* numbers) {
+  constexpr uint64_t kOnes = 0x0001'0001'0001'0001;
+  uint64_t four;
+  std::memcpy(&four, numbers, sizeof four);
+  return ((four - kOnes) & ~four & (kOnes << 15)) != 0;
+}
+
+}  // namespace
 
 PhotometricFill::PhotometricFill(GridSize grid) : grid_(grid) {
   const auto n = static_cast<size_t>(grid.count());
@@ -13,7 +26,8 @@ void PhotometricFill::run(std::span<const int16_t> n_kept, std::span<CellSlope> 
   const auto n_x = static_cast<size_t>(grid_.n_x);
   empty_.clear();
   for (size_t i = 0; i < n_kept.size(); ++i) {
-    if (n_kept[i] == 0) empty_.push_back(static_cast<uint32_t>(i));
+    while (i + 4 <= n_kept.size() && !has_zero(&n_kept[i])) i += 4;  // most cells are unmasked
+    if (i < n_kept.size() && n_kept[i] == 0) empty_.push_back(static_cast<uint32_t>(i));
   }
   // One more than the neighbour's distance, if that one is masked too.
   const auto reach = [&](Direction direction, size_t at, bool is_inside, size_t neighbour) {

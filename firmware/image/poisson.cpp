@@ -69,7 +69,7 @@ PoissonTables::PoissonTables(const BoardSettings& board)
       ray_y_q16(ray_slopes(grid.n_y, board.depth.step_px, board.camera.center_y_mpx, board.camera.focal_mpx)),
       inverse_q24(inverse_table()),
       cosine(grid.n_x),
-      factor_q30(static_cast<size_t>(grid.n_y) * stride),
+      factor_q31(static_cast<size_t>(grid.n_y) * stride),
       last_pivot_q30(static_cast<size_t>(grid.n_x)),
       gauge_cells(ring(board, *this)),
       inverse_2h(static_cast<int32_t>(floor_div(int64_t{1} << 36, 2 * board.camera.standoff_um))),
@@ -79,7 +79,7 @@ PoissonTables::PoissonTables(const BoardSettings& board)
     int64_t factor = 0;
     for (int y = 0; y + 1 < grid.n_y; ++y) {
       factor = floor_div(int64_t{1} << 60, (y > 0 ? 2 : 1) * kOneQ30 + eigenvalue - factor);
-      factor_q30[static_cast<size_t>(y) * stride + static_cast<size_t>(k)] = static_cast<int32_t>(factor);
+      factor_q31[static_cast<size_t>(y) * stride + static_cast<size_t>(k)] = static_cast<int32_t>(2 * factor);
     }
     last_pivot_q30[static_cast<size_t>(k)] = kOneQ30 + eigenvalue - factor;
   }
@@ -90,7 +90,7 @@ PoissonBuffers::PoissonBuffers(const PoissonTables& tables)
       gradient_x(static_cast<size_t>(tables.grid.n_y) * (tables.stride + 2 * kMargin)),
       gradient_y(static_cast<size_t>(tables.grid.n_y + 2) * tables.stride),
       f(padded(tables.grid.n_y) * tables.stride),
-      column(static_cast<size_t>(tables.grid.n_y)),
+      column(padded(tables.grid.n_y)),
       work(5 * tables.stride * kMaxLanes + kMaxLanes) {}
 
 Poisson::Poisson(const BoardSettings& board, PoissonRun version) : tables_(board), buffers_(tables_), run_(version) {}

@@ -43,7 +43,7 @@ struct PoissonTables {
   std::vector<int32_t> ray_y_q16;    // per row
   std::vector<int32_t> inverse_q24;  // [kFoldLines] of 1 - e
   CosineTables cosine;
-  std::vector<int32_t> factor_q30;      // [y][k]: 1 / pivot of all rows but the last, at most 1; zero where k = 0
+  std::vector<int32_t> factor_q31;      // [y][k]: 1 / pivot of all rows but the last, below 1; zero where k = 0
   std::vector<int64_t> last_pivot_q30;  // [k]: small for long waves, therefore divided by
   std::vector<uint32_t> gauge_cells;    // y stride + x
   int32_t inverse_2h;                   // 2^36 / (2 H)
@@ -66,7 +66,7 @@ struct PoissonBuffers {
   std::vector<int32_t> gradient_x;  // Q10, rows of stride + 2 kMargin
   std::vector<int32_t> gradient_y;  // Q10, rows of stride, with one more row before the first and after the last
   std::vector<int32_t> f;           // divergence, then its transform, then w
-  std::vector<int32_t> column;      // k = 0
+  std::vector<int32_t> column;      // k = 0, padded as the rows' number
   std::vector<int32_t> work;        // of the transforms
 };
 

@@ -1,5 +1,6 @@
 // Complete solve of poisson.h on lanes (lanes_scalar.h). Bounds of the last step: |w| <= 2^21 (8 mm) and H >= 1 mm, so
-// w / (2 H) and w / (3 H) in Q24 are below 2^27 and their polynomial is below 2^29.
+// w / (2 H) and w / (3 H) in Q24 are below 2^26.1 and their polynomial is below 2^29. Shifted for mul_q31, 2^6 w, 2^36 / H
+// in Q5, 2^4 w / (2 H) and 2^3 (1 + w / (3 H)) fit 32 bits.
 #pragma once
 
 #include <algorithm>
@@ -51,15 +52,18 @@ class PoissonSteps {
   // z = w (1 + w / (2 H) (1 + w / (3 H)))
   template <typename Some>
   void finish_row(const int32_t* f, int32_t mean, int16_t* out, size_t from, size_t to) {
-    constexpr int kOneQ24 = 1 << 24;
+    const auto one_q24 = Some::broadcast(1 << 24);
+    const auto inverse_2h = Some::broadcast(t_.inverse_2h << 5);
+    const auto inverse_3h = Some::broadcast(t_.inverse_3h << 5);
     auto n_clamped = Some::broadcast(0);
     for (size_t x = from; x < to; x += Some::kCount) {
       const auto far = Some::max(Some::min(Some::load(f + x), Some::broadcast(kFarOff)), Some::broadcast(-kFarOff));
       const auto w = clamp_counted<Some>(Some::sub(far, Some::broadcast(mean)), kMaxDepth, n_clamped);
-      const auto third = Some::add(Some::template narrow<20>(Some::scale(w, t_.inverse_3h)), Some::broadcast(kOneQ24));
-      const auto second =
-          Some::template narrow<24>(Some::mul(Some::template narrow<20>(Some::scale(w, t_.inverse_2h)), third));
-      const auto z = Some::template narrow<29>(Some::mul(w, Some::add(second, Some::broadcast(kOneQ24))));
+      const auto w_q14 = Some::template shift_left<6>(w);
+      const auto third = Some::add(Some::mul_q31(w_q14, inverse_3h), one_q24);
+      const auto second = Some::mul_q31(Some::template shift_left<4>(Some::mul_q31(w_q14, inverse_2h)),
+                                        Some::template shift_left<3>(third));
+      const auto z = Some::mul_q31(Some::template shift_left<2>(w), Some::add(second, one_q24));  // Q3
       const auto held = Some::max(Some::min(z, Some::broadcast(INT16_MAX)), Some::broadcast(INT16_MIN));
       n_clamped = Some::add(n_clamped, Some::not_equal(held, z));
       Some::store_16(out + x, held);

@@ -30,11 +30,9 @@ class PoissonWaves {
     V* out = in + t_.stride;
     std::fill(out, out + t_.stride, L::broadcast(0));
     for (size_t y = 0; y < n_y_; y += kLanes) {
-      load_columns(y, in);
-      scale_all(in, n_x_, up);
+      with_scale(up, [&](auto scaled) { load_columns(y, in, scaled); });
       transform.forward(in, out, out + t_.stride);
-      scale_all(out, n_x_, -3 - up);
-      store_columns(y, out);
+      with_scale(-3 - up, [&](auto scaled) { store_columns(y, out, scaled); });
     }
   }
 
@@ -46,41 +44,51 @@ class PoissonWaves {
       b_.column[y] = clamp_wave(height);
       flux += b_.row_f(y)[0];
       height += flux;
-      b_.row_f(y)[0] = 0;
+      b_.row_f(y)[0] = 0;  // stays zero in solve_columns(), whose factor is
     }
   }
 
   // Solves the waves k > 0, tridiagonal along y. Returns the largest magnitude of all waves.
   int32_t solve_columns() {
     V n_clamped = L::broadcast(0);
+    const size_t stride = t_.stride;  // a copy that no store can change stays in registers
     for (size_t y = 0; y < n_y_; ++y) {
-      const int32_t* factor = t_.factor_q30.data() + y * t_.stride;  // zero in the last row
-      for (size_t k = 0; k < t_.stride; k += kLanes) {
-        const V above = y > 0 ? L::load(b_.row_f(y - 1) + k) : L::broadcast(0);
-        const V sum = clamp_counted<L>(L::sub(above, L::load(b_.row_f(y) + k)), kMaxWave, n_clamped);
-        const bool is_last = y + 1 == n_y_;
-        L::store(b_.row_f(y) + k, is_last ? sum : L::template narrow<30>(L::mul(sum, L::load(factor + k))));
+      const int32_t* const factor = t_.factor_q31.data() + y * stride;
+      int32_t* const row = b_.row_f(y);
+      const auto each = [&](auto above, auto divided) {
+        for (size_t k = 0; k < stride; k += kLanes) {
+          const V sum = clamp_counted<L>(L::sub(above(k), L::load(row + k)), kMaxWave, n_clamped);
+          L::store(row + k, divided(sum, k));
+        }
+      };
+      const auto none = [](size_t) { return L::broadcast(0); };
+      const auto row_above = [&](size_t k) { return L::load(row - stride + k); };
+      const auto by_pivot = [&](V sum, size_t k) { return L::mul_q31(sum, L::load(factor + k)); };
+      const auto undivided = [](V sum, size_t) { return sum; };
+      const bool is_last = y + 1 == n_y_;
+      if (y == 0) {
+        is_last ? each(none, undivided) : each(none, by_pivot);
+      } else {
+        is_last ? each(row_above, undivided) : each(row_above, by_pivot);
       }
     }
     int32_t* last = b_.row_f(n_y_ - 1);
     for (size_t k = 1; k < n_x_; ++k) last[k] = clamp_wave(divide_q30(last[k], t_.last_pivot_q30[k]));
     V largest = L::broadcast(0);
-    for (size_t k = 0; k < t_.stride; k += kLanes) largest = L::max(largest, L::abs(L::load(last + k)));
+    for (size_t k = 0; k < stride; k += kLanes) largest = L::max(largest, L::abs(L::load(last + k)));
     for (size_t y = n_y_ - 1; y-- > 0;) {
-      const int32_t* factor = t_.factor_q30.data() + y * t_.stride;
-      for (size_t k = 0; k < t_.stride; k += kLanes) {
-        const V below = L::template narrow<30>(L::mul(L::load(b_.row_f(y + 1) + k), L::load(factor + k)));
-        const V z = clamp_counted<L>(L::add(L::load(b_.row_f(y) + k), below), kMaxWave, n_clamped);
+      const int32_t* const factor = t_.factor_q31.data() + y * stride;
+      int32_t* const row = b_.row_f(y);
+      for (size_t k = 0; k < stride; k += kLanes) {
+        const V below = L::mul_q31(L::load(row + stride + k), L::load(factor + k));
+        const V z = clamp_counted<L>(L::add(L::load(row + k), below), kMaxWave, n_clamped);
         largest = L::max(largest, L::abs(z));
-        L::store(b_.row_f(y) + k, z);
+        L::store(row + k, z);
       }
     }
     saturations_.count += static_cast<uint64_t>(L::sum(n_clamped));
     int32_t most = L::max_lane(largest);
-    for (size_t y = 0; y < n_y_; ++y) {
-      b_.row_f(y)[0] = b_.column[y];
-      most = std::max(most, std::abs(b_.column[y]));
-    }
+    for (size_t y = 0; y < n_y_; ++y) most = std::max(most, std::abs(b_.column[y]));
     return most;
   }
 
@@ -92,13 +100,13 @@ class PoissonWaves {
     V* in = work();
     V* out = in + t_.stride;
     std::fill(out, out + t_.stride, L::broadcast(0));
+    const V factor = L::broadcast(scale);
     for (size_t y = 0; y < n_y_; y += kLanes) {
-      load_columns(y, in);
-      in[0] = L::narrow(L::scale(in[0], scale), 31 - up);
-      for (size_t k = 1; k < n_x_; ++k) in[k] = L::narrow(L::scale(in[k], scale), 30 - up);
+      // (v 2^(up + 1)) scale / 2^31; the first factor is below 2^30
+      load_columns(y, in, [&](V v) { return L::mul_q31(L::shift_left(v, up + 1), factor); });
+      in[0] = L::narrow(L::scale(L::load(b_.column.data() + y), scale), 31 - up);
       transform.inverse(in, out, out + t_.stride);
-      scale_all(out, n_x_, -up);
-      store_columns(y, out);
+      with_scale(-up, [&](auto scaled) { store_columns(y, out, scaled); });
     }
   }
 
@@ -108,17 +116,27 @@ class PoissonWaves {
   static constexpr int kMaxWave = 1 << 29;  // Q8 of n_x / 2 heights
   static constexpr int kMaxUp = 16;         // a larger shift gains nothing: inputs are whole steps
 
-  // Loads rows y, y + 1, ... of f, one per lane, transposed to vectors of one column each.
-  void load_columns(size_t y, V* out) {
-    for (size_t x = 0; x < t_.stride; x += kLanes) {
-      for (size_t j = 0; j < kLanes; ++j) out[x + j] = L::load(b_.row_f(y + j) + x);
-      L::transpose(out + x);
+  // Loads rows y, y + 1, ... of f, one per lane, transposed to vectors of one column each, each through `scaled`.
+  template <typename Scaled>
+  void load_columns(size_t y, V* out, Scaled scaled) {
+    const size_t stride = t_.stride;
+    const int32_t* const row = b_.row_f(y);
+    for (size_t x = 0; x < stride; x += kLanes) {
+      V block[kLanes];
+      for (size_t j = 0; j < kLanes; ++j) block[j] = L::load(row + j * stride + x);
+      L::transpose(block);
+      for (size_t j = 0; j < kLanes; ++j) out[x + j] = scaled(block[j]);
     }
   }
-  void store_columns(size_t y, V* in) {
-    for (size_t x = 0; x < t_.stride; x += kLanes) {
-      L::transpose(in + x);
-      for (size_t j = 0; j < kLanes; ++j) L::store(b_.row_f(y + j) + x, in[x + j]);
+  template <typename Scaled>
+  void store_columns(size_t y, const V* in, Scaled scaled) {
+    const size_t stride = t_.stride;
+    int32_t* const row = b_.row_f(y);
+    for (size_t x = 0; x < stride; x += kLanes) {
+      V block[kLanes];
+      for (size_t j = 0; j < kLanes; ++j) block[j] = scaled(in[x + j]);
+      L::transpose(block);
+      for (size_t j = 0; j < kLanes; ++j) L::store(row + j * stride + x, block[j]);
     }
   }
   // First suitably aligned address; `work` has room for the alignment.
@@ -129,12 +147,13 @@ class PoissonWaves {
 
   static int bit_width(int64_t x) { return static_cast<int>(std::bit_width(static_cast<uint64_t>(x))); }
 
-  // Multiplies n vectors by 2^up, rounding if `up` is negative.
-  static void scale_all(V* v, size_t n, int up) {
-    if (up > 0) {
-      for (size_t i = 0; i < n; ++i) v[i] = L::shift_left(v[i], up);
-    } else if (up < 0) {
-      for (size_t i = 0; i < n; ++i) v[i] = L::round_shift_right(v[i], -up);
+  // Calls `run` with a function that multiplies a vector by 2^up, rounding if `up` is negative.
+  template <typename Run>
+  static void with_scale(int up, Run run) {
+    if (up >= 0) {
+      run([up](V v) { return L::shift_left(v, up); });
+    } else {
+      run([up](V v) { return L::round_shift_right(v, -up); });
     }
   }
 
