@@ -3,17 +3,12 @@
 python adaptive_grip.py [--board BOARD] [--seeds N] [--film FILE.gif]
 """
 
-import argparse
-import functools
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from comparison import compare
 
-from ruffini.boards import find_board
-from ruffini.errors import InputError, RuffiniError
 from ruffini.robot import Gripper, Thing
 from ruffini.robot.core_sensor import NOISE_M
 from ruffini.robot.film import Film
@@ -117,52 +112,26 @@ def run(feedback: str, task: Task, board: str, seed: int = 0, film: Film | None 
         return Result(gripper.slipped_m < DROPPED_M, most < task.breaks_n, float(np.mean(held)), least)
 
 
-def check(board: str, n_seeds: int, film: str | None) -> None:
-    """Refuse what would fail after minutes."""
-    if unmeasured := [
-        axis for axis in ("force_x", "force_y", "force_z") if axis in find_board(board).board.not_measured
-    ]:
-        raise InputError(
-            f"board {board!r} does not measure {', '.join(unmeasured)}, which this example needs: use another"
-        )
-    if n_seeds < 1:
-        raise InputError(f"--seeds {n_seeds}: give at least 1")
-    if film and not (film.endswith(".gif") and Path(film).absolute().parent.is_dir()):
-        raise InputError(f"--film {film}: give a .gif in a folder that exists")
+def film(board: str, path: str) -> None:
+    """One attempt by friction."""
+    pictures = Film()
+    run("friction", Task.of_seed(1), board, film=pictures)
+    pictures.write(path)
+
+
+def row(feedback: str, board: str, n_seeds: int) -> str:
+    """How often it succeeds, and the force over the least."""
+    results = [run(feedback, Task.of_seed(seed), board, seed) for seed in range(n_seeds)]
+    over = np.median([r.grip_n / r.least_n for r in results])
+    return (
+        f"success {sum(r.is_success for r in results):2d}, dropped {sum(not r.is_held for r in results):2d}, "
+        f"broken {sum(not r.is_whole for r in results):2d}; grip {over:.2f} of the least that holds"
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--board", default="gelslim")
-    parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--film", help="write an animated picture of the first seed here, and no table")
-    chosen = parser.parse_args(arguments)
-    try:
-        check(chosen.board, chosen.seeds, chosen.film)
-        compare(chosen.board, chosen.seeds, chosen.film)
-    except RuffiniError as error:
-        print(f"adaptive_grip: {error}", file=sys.stderr)
-        sys.exit(error.exit_code)
-
-
-def compare(board: str, n_seeds: int, path: str | None) -> None:
-    """The table of all feedbacks; or the film of one attempt, to `path`."""
-    if path:
-        film = Film()
-        print(run("friction", Task.of_seed(1), board, film=film))
-        film.write(path)
-        return
-    print(f"SIMULATED, {board}, {n_seeds} seeds: lifted, pushed, neither dropped nor broken")
-    for feedback in FEEDBACK:
-        attempt = functools.partial(run, feedback, board=board)
-        results = [attempt(Task.of_seed(seed), seed=seed) for seed in range(n_seeds)]
-        over = np.median([r.grip_n / r.least_n for r in results])
-        print(
-            f"{feedback:14s} success {sum(r.is_success for r in results):2d}, dropped "
-            f"{sum(not r.is_held for r in results):2d}, broken {sum(not r.is_whole for r in results):2d}; "
-            f"grip {over:.2f} of the least that holds",
-            flush=True,
-        )
+    goal = "lifted, pushed, neither dropped nor broken"
+    compare("adaptive_grip", __doc__, arguments, goal=goal, feedbacks=FEEDBACK, row=row, film=film)
 
 
 if __name__ == "__main__":

@@ -3,18 +3,15 @@
 python pen_stroke.py [--board BOARD] [--seeds N] [--film FILE.gif]
 """
 
-import argparse
 import functools
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from adaptive_grip import check
+from comparison import compare
 
-from ruffini.errors import RuffiniError
 from ruffini.robot import World
 from ruffini.robot.core_sensor import NOISE_M
 from ruffini.robot.film import Film
@@ -137,37 +134,26 @@ def run(feedback: str, paper: Paper, board: str, seed: int = 0, film: Film | Non
     return result
 
 
+def film(board: str, path: str) -> None:
+    """One attempt by the wrench."""
+    pictures = Film(VIEW_M, full_n=0.08)
+    run("wrench", Paper.of_seed(1), board, 1, film=pictures)
+    pictures.write(path)
+
+
+def row(feedback: str, board: str, n_seeds: int) -> str:
+    """How often it succeeds, and how even the force is."""
+    results = [run(feedback, Paper.of_seed(seed), board, seed) for seed in range(n_seeds)]
+    wrong = np.median([np.sqrt(np.mean((np.array(r.tip_n) - WANTED_N) ** 2)) for r in results if r.tip_n])
+    return (
+        f"success {sum(r.is_success for r in results):2d}, not whole {sum(r.drawn < WHOLE for r in results):2d}, "
+        f"torn {sum(r.is_torn for r in results):2d}; {wrong:.3f} N rms from the wanted {WANTED_N} N"
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--board", default="gelslim")
-    parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--film", help="write an animated picture of the first seed here, and no table")
-    chosen = parser.parse_args(arguments)
-    try:
-        check(chosen.board, chosen.seeds, chosen.film)
-        compare(chosen.board, chosen.seeds, chosen.film)
-    except RuffiniError as error:
-        print(f"pen_stroke: {error}", file=sys.stderr)
-        sys.exit(error.exit_code)
-
-
-def compare(board: str, n_seeds: int, path: str | None) -> None:
-    """The table of all feedbacks; or the film of one attempt, to `path`."""
-    if path:
-        film = Film(VIEW_M, full_n=0.08)
-        run("wrench", Paper.of_seed(1), board, 1, film=film)
-        film.write(path)
-        return
-    print(f"SIMULATED, {board}, {n_seeds} seeds: {100 * WHOLE:.0f} % of the stroke drawn, paper not torn")
-    for feedback in FEEDBACK:
-        results = [run(feedback, Paper.of_seed(seed), board, seed) for seed in range(n_seeds)]
-        wrong = np.median([np.sqrt(np.mean((np.array(r.tip_n) - WANTED_N) ** 2)) for r in results if r.tip_n])
-        print(
-            f"{feedback:14s} success {sum(r.is_success for r in results):2d}, not whole "
-            f"{sum(r.drawn < WHOLE for r in results):2d}, torn {sum(r.is_torn for r in results):2d}; "
-            f"{wrong:.3f} N rms from the wanted {WANTED_N} N",
-            flush=True,
-        )
+    goal = f"{100 * WHOLE:.0f} % of the stroke drawn, paper not torn"
+    compare("pen_stroke", __doc__, arguments, goal=goal, feedbacks=FEEDBACK, row=row, film=film)
 
 
 if __name__ == "__main__":
