@@ -152,7 +152,7 @@ def camera_stalls() -> str:
         assert process.poll() is None
         with starved() as second:
             assert second != first
-            seconds = until("ruffinid gives up", lambda: "does not stop" in LOG.read_text(), 20)
+            seconds = until("ruffinid gives up", lambda: "does not stop" in LOG.read_text(), 60)
         process.wait(20)
         said = LOG.read_text().strip().splitlines()[-1]
     return f"again after a stall of 2 s, by another thread of the driver; then {said}, after {seconds:.1f} s"
