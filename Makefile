@@ -190,7 +190,7 @@ FUNCTIONS ?= 0
 profile: build  ## instructions, loads and cache lines of every stage on 64-bit ARM, counted under qemu: the same on any machine. FUNCTIONS=N: the N longest functions of each
 	@.ci/setup aarch64
 	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_one_frame)
-	@$(PYTHON) tests/bench/instructions.py --binary $(BUILD)/aarch64/ruffini_one_frame --functions $(FUNCTIONS)
+	@$(PYTHON) tests/bench/instructions.py --binary $(BUILD)/aarch64/ruffini_one_frame --functions $(FUNCTIONS) --table docs/results/accuracy.md
 
 # Of the Pi Zero 2 and 3, of the 4, of the 5; CI runs one of them a day.
 PI_CORES := cortex-a53 cortex-a72 cortex-a76

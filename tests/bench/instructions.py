@@ -4,7 +4,7 @@
 
     cmake -S . -B BUILD -DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF -DRUFFINI_TESTS=OFF
     cmake --build BUILD --target ruffini_one_frame
-    tests/bench/instructions.py --binary BUILD/ruffini_one_frame [--functions N] [FOLDER...]
+    tests/bench/instructions.py --binary BUILD/ruffini_one_frame [--functions N] [--table FILE] [FOLDER...]
 
 FOLDER: as tests/bench/run.py leaves it in build/bench; if it is missing, the script makes the recordings and
 calibrations that it needs.
@@ -19,6 +19,7 @@ whole pad were touched. The frame is the largest of the three, as if each hid be
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 import re
 import subprocess
@@ -27,9 +28,14 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gels import with_row
 from run import make_data, seventy_markers, solve_tensors
 
 from ruffini.boards import parse_board
+from ruffini.files import write_whole
+
+sys.path.append(str(Path(__file__).parents[1] / "hostile"))
+from table import commit
 
 # Name, clock in GHz as Raspberry Pi states it (Cortex-A53, A72, A76), instructions a cycle that are assumed.
 CORES = (("Pi Zero 2 W", 1.0, 0.7), ("Pi 4", 1.8, 1.4), ("Pi 5", 2.4, 2.2))
@@ -47,6 +53,10 @@ STAGES = (
     "operator", "support", "wrench", "contacts", "uncertainty",
 )  # fmt: skip
 FRAMES = ("untouched", "touched", "next")
+SECTION = "## Instructions of one frame"
+SHOWN = 0.7e6  # instructions of a stage at either size, from which on the document has a row of it
+# The code that the figures depend on: commits of anything else change none.
+JUDGED = ("firmware", "boards/gelslim", "tests/bench/instructions.py", "tests/bench/stage_counts.c", ":!*.md")
 PLUGIN = Path(__file__).with_name("stage_counts.c")
 FIRST_QEMU_OF_API_2 = 9
 
@@ -61,6 +71,9 @@ class Stretch:
     l1_lines: int
     l2_lines: int
     functions: list[tuple[int, str]] = field(default_factory=list)
+
+
+Frames = dict[str, dict[str, Stretch]]  # by name of the frame and of the stage
 
 
 def build_plugin(folder: Path) -> Path:
@@ -98,8 +111,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--binary", type=Path, required=True, help="ruffini_one_frame for aarch64")
     parser.add_argument("--functions", type=int, default=0, metavar="N", help="print the N longest functions too")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="write the rows into this document")
     parser.add_argument("folder", type=Path, nargs="*", help="a board and its pictures")
     arguments = parser.parse_args()
+    at, date = commit(JUDGED), datetime.date.today().isoformat()
     with tempfile.TemporaryDirectory() as made:
         if not arguments.folder:
             boards = [seventy_markers(width_px) for width_px in (320, 640)]
@@ -107,7 +122,41 @@ def main() -> None:
             for board in boards:
                 arguments.folder.append(Path(made) / f"{board.camera.width_px}x{board.camera.height_px}")
                 make_data(board, arguments.folder[-1], tensors)
-        report(arguments.binary, arguments.folder, arguments.functions)
+        counted = {folder.name: report(arguments.binary, folder, arguments.functions) for folder in arguments.folder}
+    assumed = zip(CORES, MEMORY, strict=True)
+    print(
+        "estimates: "
+        + "; ".join(f"{name}: {ghz} GHz, {ipc} a cycle, {rate} GB/s" for (name, ghz, ipc), rate in assumed)
+    )
+    if arguments.table is not None:
+        text = arguments.table.read_text()
+        for row in document_rows(counted):
+            text = with_row(text, f"{row} {at} | {date} |", SECTION, columns(counted))
+        write_whole(arguments.table, text.encode())
+
+
+def columns(counted: dict[str, Frames]) -> list[str]:
+    """Heads of the document's table."""
+    return ["stage", *(f"{name}: {what}" for name in counted for what in ("untouched", "touched", "loads", "lines")),
+            "commit", "date"]  # fmt: skip
+
+
+def document_rows(counted: dict[str, Frames]) -> list[str]:
+    """The document's rows, without commit and date: of the stages that count, and of the frame."""
+    out = []
+    for stage in STAGES:
+        of_sizes = [([frames["untouched"][stage]], [frames["touched"][stage]]) for frames in counted.values()]
+        if max(s.instructions for pair in of_sizes for part in pair for s in part) >= SHOWN:
+            out.append(f"| {stage} | {' | '.join(cells(*pair) for pair in of_sizes)} |")
+    whole = [(list(frames["untouched"].values()), list(frames["touched"].values())) for frames in counted.values()]
+    return [*out, f"| **frame** | {' | '.join(cells(*pair) for pair in whole)} |"]
+
+
+def cells(untouched: list[Stretch], touched: list[Stretch]) -> str:
+    """Four cells: thousands of instructions of both frames, loads, and lines fetched into both caches."""
+    loads, l1, l2 = (sum(getattr(s, name) for s in touched) for name in ("loads", "l1_lines", "l2_lines"))
+    before, after = (sum(s.instructions for s in some) for some in (untouched, touched))
+    return f"{before / 1e3:,.0f} | {after / 1e3:,.0f} | {loads / 1e3:,.0f} | {l1 / 1e3:.0f}; {l2 / 1e3:.0f}"
 
 
 def traffic(folder: Path) -> tuple[int, int]:
@@ -141,51 +190,47 @@ def print_functions(stages: dict[str, Stretch], n_longest: int) -> None:
             print(f"  {stage:14}{n / 1e3:9.0f}  {in_clear(name)}")
 
 
-def report(binary: Path, folders: list[Path], n_functions: int) -> None:
-    for folder in folders:
-        counted = count(binary, folder)
-        if len(counted) != len(STAGES) * len(FRAMES):
-            sys.exit(
-                f"{folder}: {len(counted)} stretches, {len(STAGES)} stages in {len(FRAMES)} frames: "
-                "STAGES is no longer the frame path's"
-            )
-        frames = {frame: dict(zip(STAGES, counted[i * len(STAGES) :], strict=False)) for i, frame in enumerate(FRAMES)}
-        print(f"{folder.name}: thousands a frame, aarch64 instructions; loads, stores and lines of the touched frame")
-        columns = (*FRAMES, "loads", "stores", "L1 lines", "L2 lines")
-        print(f"  {'':14}" + "".join(f"{name:>10}" for name in columns))
-        sums = [0] * len(columns)
-        for stage, touched in frames["touched"].items():
-            row = [frames[frame][stage].instructions for frame in FRAMES]
-            row += [touched.loads, touched.stores, touched.l1_lines, touched.l2_lines]
-            sums = [a + b for a, b in zip(sums, row, strict=True)]
-            print(f"  {stage:14}" + "".join(f"{n / 1e3:10.1f}" for n in row))
-        print(f"  {'sum':14}" + "".join(f"{n / 1e3:10.1f}" for n in sums))
-        if n_functions:
-            print_functions(frames["touched"], n_functions)
-        counts = {stage: stretch.instructions for stage, stretch in frames["touched"].items()}
-        counts["sum"] = sum(counts.values())
-        print(f"{folder.name}: ESTIMATED milliseconds of the touched frame")
-        print(f"  {'':14}{'counted':>9}" + "".join(f"{name:>12}" for name, _, _ in CORES))
-        for stage, n in counts.items():
-            times = "".join(f"{n / (ghz * ipc) / 1e6:12.2f}" for _, ghz, ipc in CORES)
-            print(f"  {stage:14}{n / 1e3:9.0f}{times}")
-        n_bytes, n_products = traffic(folder)
-        rows = [
-            ("memory", f"{n_bytes / 1e6:7.1f}MB", [n_bytes / (rate * 1e6) for rate in MEMORY]),
-            ("products", f"{n_products / 1e6:8.1f}M", [n_products / (ghz * PRODUCTS * 1e6) for _, ghz, _ in CORES]),
-        ]
-        for name, counted_as, floors in rows:
-            print(f"  {name:14}{counted_as}" + "".join(f"{ms:12.2f}" for ms in floors))
-        by_code = [counts["sum"] / (ghz * ipc) / 1e6 for _, ghz, ipc in CORES]
-        print(
-            f"  {'ESTIMATED frame':23}"
-            + "".join(f"{max(ms):12.2f}" for ms in zip(by_code, *(r[2] for r in rows), strict=True))
+def report(binary: Path, folder: Path, n_functions: int) -> Frames:
+    """Count a board's frames, and print the tables."""
+    counted = count(binary, folder)
+    if len(counted) != len(STAGES) * len(FRAMES):
+        sys.exit(
+            f"{folder}: {len(counted)} stretches, {len(STAGES)} stages in {len(FRAMES)} frames: "
+            "STAGES is no longer the frame path's"
         )
-    assumed = zip(CORES, MEMORY, strict=True)
+    frames = {frame: dict(zip(STAGES, counted[i * len(STAGES) :], strict=False)) for i, frame in enumerate(FRAMES)}
+    print(f"{folder.name}: thousands a frame, aarch64 instructions; loads, stores and lines of the touched frame")
+    columns = (*FRAMES, "loads", "stores", "L1 lines", "L2 lines")
+    print(f"  {'':14}" + "".join(f"{name:>10}" for name in columns))
+    sums = [0] * len(columns)
+    for stage, touched in frames["touched"].items():
+        row = [frames[frame][stage].instructions for frame in FRAMES]
+        row += [touched.loads, touched.stores, touched.l1_lines, touched.l2_lines]
+        sums = [a + b for a, b in zip(sums, row, strict=True)]
+        print(f"  {stage:14}" + "".join(f"{n / 1e3:10.1f}" for n in row))
+    print(f"  {'sum':14}" + "".join(f"{n / 1e3:10.1f}" for n in sums))
+    if n_functions:
+        print_functions(frames["touched"], n_functions)
+    counts = {stage: stretch.instructions for stage, stretch in frames["touched"].items()}
+    counts["sum"] = sum(counts.values())
+    print(f"{folder.name}: ESTIMATED milliseconds of the touched frame")
+    print(f"  {'':14}{'counted':>9}" + "".join(f"{name:>12}" for name, _, _ in CORES))
+    for stage, n in counts.items():
+        times = "".join(f"{n / (ghz * ipc) / 1e6:12.2f}" for _, ghz, ipc in CORES)
+        print(f"  {stage:14}{n / 1e3:9.0f}{times}")
+    n_bytes, n_products = traffic(folder)
+    rows = [
+        ("memory", f"{n_bytes / 1e6:7.1f}MB", [n_bytes / (rate * 1e6) for rate in MEMORY]),
+        ("products", f"{n_products / 1e6:8.1f}M", [n_products / (ghz * PRODUCTS * 1e6) for _, ghz, _ in CORES]),
+    ]
+    for name, counted_as, floors in rows:
+        print(f"  {name:14}{counted_as}" + "".join(f"{ms:12.2f}" for ms in floors))
+    by_code = [counts["sum"] / (ghz * ipc) / 1e6 for _, ghz, ipc in CORES]
     print(
-        "estimates: "
-        + "; ".join(f"{name}: {ghz} GHz, {ipc} a cycle, {rate} GB/s" for (name, ghz, ipc), rate in assumed)
+        f"  {'ESTIMATED frame':23}"
+        + "".join(f"{max(ms):12.2f}" for ms in zip(by_code, *(r[2] for r in rows), strict=True))
     )
+    return frames
 
 
 if __name__ == "__main__":
