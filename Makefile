@@ -187,7 +187,7 @@ oracle: build  ## a finite element program of others (CalculiX) presses the pad 
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice $(PYTHON) tests/oracle/run.py $(if $(QUICK),--quick,--out out/oracle.txt)
 
 FUNCTIONS ?= 0
-profile: build  ## instructions, loads and cache lines of every stage on 64-bit ARM, counted under qemu: the same on any machine. FUNCTIONS=N: the N longest functions of each
+profile: build  ## instructions, loads and cache lines of every stage on 64-bit ARM, counted under qemu: the same on any machine with one compiler; writes its rows in docs/results/accuracy.md. FUNCTIONS=N: the N longest functions of each
 	@.ci/setup aarch64
 	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_one_frame)
 	@$(PYTHON) tests/bench/instructions.py --binary $(BUILD)/aarch64/ruffini_one_frame --functions $(FUNCTIONS) --table docs/results/accuracy.md

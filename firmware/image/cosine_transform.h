@@ -6,8 +6,8 @@
 // An even n is split: sums and differences of mirrored positions give II(n) = II(n/2) and IV(n/2), interleaved; III(n)
 // likewise. A type IV of even length m is m/2 rotations by pi (2 i + 1) / (4 m), two II(m/2) and m/2 - 1 sums and
 // differences. Odd lengths, the leaves, are plain sums of products. Coefficients are Q30; each rotation and each leaf
-// rounds once, half up. Leaves of length 5, those of all common pictures, are computed ten values at a time, in
-// registers, by the same sums with their coefficients' symmetries, which are exact in integers (OfFive).
+// rounds once, half up. Lengths of 10, which all common pictures come down to, are computed in registers from two
+// leaves of 5: the same sums by their coefficients' symmetries, which are exact in integers (OfFive).
 //
 // Bound: every intermediate value is a sum of inputs with coefficients within +-1, each input at most once. So n
 // max|input| + n <= 2^30 keeps all values within 31 bits and all sums of products within 62.

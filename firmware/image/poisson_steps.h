@@ -1,6 +1,6 @@
 // Complete solve of poisson.h on lanes (lanes_scalar.h). Bounds of the last step: |w| <= 2^21 (8 mm) and H >= 1 mm, so
-// w / (2 H) and w / (3 H) in Q24 are below 2^26.1 and their polynomial is below 2^29. Shifted for mul_q31, 2^6 w, 2^36 / H
-// in Q5, 2^4 w / (2 H) and 2^3 (1 + w / (3 H)) fit 32 bits.
+// w / (2 H) and w / (3 H) in Q24 are below 2^26.1 and their polynomial is below 2^29. Shifted for mul_q31, 2^6 w,
+// 2^36 / (2 H) and 2^36 / (3 H) in Q5, 2^4 w / (2 H) and 2^3 (1 + w / (3 H)) fit 32 bits.
 #pragma once
 
 #include <algorithm>

@@ -44,7 +44,7 @@ class PoissonWaves {
       b_.column[y] = clamp_wave(height);
       flux += b_.row_f(y)[0];
       height += flux;
-      b_.row_f(y)[0] = 0;  // stays zero in solve_columns(), whose factor is
+      b_.row_f(y)[0] = 0;  // solve_columns() keeps it zero: the factors of k = 0 are zero
     }
   }
 

@@ -56,7 +56,10 @@ FRAMES = ("untouched", "touched", "next")
 SECTION = "## Instructions of one frame"
 SHOWN = 0.7e6  # instructions of a stage at either size, from which on the document has a row of it
 # The code that the figures depend on: commits of anything else change none.
-JUDGED = ("firmware", "boards/gelslim", "tests/bench/instructions.py", "tests/bench/stage_counts.c", ":!*.md")
+JUDGED = ("firmware", "host/ruffini", "boards/gelslim", "CMakeLists.txt", ".ci/aarch64.cmake", "tests/bench/run.py",
+          "tests/bench/one_frame.cpp", "tests/bench/instructions.py", "tests/bench/stage_counts.c",
+          ":!*.md")  # fmt: skip
+COMPILER = "12"  # the major version of aarch64-linux-gnu-g++ that the document's counts are of
 PLUGIN = Path(__file__).with_name("stage_counts.c")
 FIRST_QEMU_OF_API_2 = 9
 
@@ -114,6 +117,9 @@ def main() -> None:
     parser.add_argument("--table", type=Path, metavar="FILE", help="write the rows into this document")
     parser.add_argument("folder", type=Path, nargs="*", help="a board and its pictures")
     arguments = parser.parse_args()
+    if arguments.table is not None and (found := compiler()) != COMPILER:
+        print(f"{arguments.table} is left as it is: its counts are of GCC {COMPILER}, these are of GCC {found}")
+        arguments.table = None
     at, date = commit(JUDGED), datetime.date.today().isoformat()
     with tempfile.TemporaryDirectory() as made:
         if not arguments.folder:
@@ -133,6 +139,12 @@ def main() -> None:
         for row in document_rows(counted):
             text = with_row(text, f"{row} {at} | {date} |", SECTION, columns(counted))
         write_whole(arguments.table, text.encode())
+
+
+def compiler() -> str:
+    """Major version of the cross compiler."""
+    command = ["aarch64-linux-gnu-g++", "-dumpversion"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split(".")[0].strip()
 
 
 def columns(counted: dict[str, Frames]) -> list[str]:

@@ -49,6 +49,8 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--table", type=Path, metavar="FILE", help="write the rows into this document")
     parser.add_argument("--out", type=Path, metavar="FILE", help="picture (PNG) of the curves")
     given = parser.parse_args(words)
+    if given.quick and given.table is not None:
+        parser.error("--quick makes no figures for --table: leave one of them out")
     at, date = commit(JUDGED), datetime.date.today().isoformat()
     results = []
     for name in boards():

@@ -18,18 +18,30 @@ using ruffini::fuzz::Bytes;
 
 constexpr size_t kShort = 64;
 
-const ruffini::BoardSettings& board_of_all() {
-  static const ruffini::BoardSettings kBoard = ruffini::test::small_board(ruffini::test::stages_but({}));
-  return kBoard;
+struct Sensor {
+  ruffini::BoardSettings board;
+  Bytes good;  // its calibration
+};
+
+const std::vector<Sensor>& sensors() {
+  static const std::vector<Sensor> kSensors = [] {
+    std::vector<Sensor> out;
+    for (const auto& stages : ruffini::test::stages_by_turns()) {
+      const ruffini::BoardSettings board = ruffini::test::small_board(stages);
+      out.push_back({board, ruffini::test::diagonal_calibration(board)});
+    }
+    return out;
+  }();
+  return kSensors;
 }
 
-void configure(std::span<const uint8_t> bytes) {
+void configure(const ruffini::BoardSettings& board, std::span<const uint8_t> bytes) {
   static const std::vector<uint8_t> kPixels(size_t{3} * 32 * 24, 90);
   auto loaded = ruffini::CalibrationFile::load({bytes.begin(), bytes.end()});
   if (!loaded) return;
-  auto path = ruffini::FramePath::configure(board_of_all(), loaded.value(), [] { return uint64_t{0}; });
+  auto path = ruffini::FramePath::configure(board, loaded.value(), [] { return uint64_t{0}; });
   if (!path) return;
-  for (int i = 0; i < board_of_all().n_rest_frames + 2; ++i) {
+  for (int i = 0; i < board.n_rest_frames + 2; ++i) {
     path.value()->process({kPixels.data(), 32, 24, 3, ptrdiff_t{3} * 32}, 1'000 * static_cast<uint64_t>(i));
   }
 }
@@ -37,9 +49,9 @@ void configure(std::span<const uint8_t> bytes) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  static const Bytes kGood = ruffini::test::diagonal_calibration(board_of_all());
+  const Sensor& sensor = sensors()[size == 0 ? 0 : data[size - 1] % sensors().size()];
   Bytes bytes(data, data + size);
-  if (size <= kShort) bytes = ruffini::fuzz::Input(data, size).spoilt(kGood);
+  if (size <= kShort) bytes = ruffini::fuzz::Input(data, size).spoilt(sensor.good);
   std::vector<uint64_t> aligned((bytes.size() + 7) / 8);
   if (!bytes.empty()) std::memcpy(aligned.data(), bytes.data(), bytes.size());
   auto parsed = ruffini::Calibration::parse({reinterpret_cast<const uint8_t*>(aligned.data()), bytes.size()});
@@ -52,6 +64,6 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   (void)ruffini::WrenchErrorModel::load(file, {.size_x_um = 20'000, .size_y_um = 16'000});
   ruffini::BoardSettings board;
   (void)file.check_target(board, "0000");
-  configure(bytes);
+  configure(sensor.board, bytes);
   return 0;
 }

@@ -1,6 +1,7 @@
 """What the examples share: their arguments, what they refuse, and a table with a row for each feedback."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -29,7 +30,7 @@ def compare(
     chosen = parser.parse_args(arguments)
     try:
         _check(chosen.board, chosen.seeds, chosen.film)
-        if chosen.film:
+        if chosen.film is not None:
             film(chosen.board, chosen.film)
             return
         print(f"SIMULATED, {chosen.board}, {chosen.seeds} seeds: {goal}")
@@ -47,7 +48,18 @@ def _check(board: str, n_seeds: int, film: str | None) -> None:
         raise InputError(
             f"board {board!r} does not measure {', '.join(unmeasured)}, which this example needs: use another"
         )
+    if missing := [
+        slot for slot in ("node_forces", "wrench", "contacts", "slip") if not find_board(board).writes(slot)
+    ]:
+        raise InputError(
+            f"board {board!r} has no stage for {', '.join(missing)}, which this example needs: use another"
+        )
     if n_seeds < 1:
         raise InputError(f"--seeds {n_seeds}: give at least 1")
-    if film and not (film.endswith(".gif") and Path(film).absolute().parent.is_dir()):
+    if film is None:
+        return
+    path = Path(film).absolute()
+    if path.suffix != ".gif" or path.is_dir() or not path.parent.is_dir():
         raise InputError(f"--film {film}: give a .gif in a folder that exists")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"--film {film}: the folder cannot be written")

@@ -144,7 +144,7 @@ def film(board: str, path: str) -> None:
 def row(feedback: str, board: str, n_seeds: int) -> str:
     """How often it succeeds, and how even the force is."""
     results = [run(feedback, Paper.of_seed(seed), board, seed) for seed in range(n_seeds)]
-    wrong = np.median([np.sqrt(np.mean((np.array(r.tip_n) - WANTED_N) ** 2)) for r in results if r.tip_n])
+    wrong = np.median([np.sqrt(np.mean((np.array(r.tip_n or [0.0]) - WANTED_N) ** 2)) for r in results])
     return (
         f"success {sum(r.is_success for r in results):2d}, not whole {sum(r.drawn < WHOLE for r in results):2d}, "
         f"torn {sum(r.is_torn for r in results):2d}; {wrong:.3f} N rms from the wanted {WANTED_N} N"

@@ -26,7 +26,7 @@ def curves(path: Path, results: list[dict[str, Any]]) -> Path:
             found = result["methods"][name]
             drawn = {"linestyle": dashes, "linewidth": width, "color": f"C{number}"}
             label = f"{named(result)}: {WORDS[name]}"
-            left.plot(result["frequency_per_mm"], np.mean(list(found["response"].values()), axis=0), **drawn)
+            left.plot(result["frequency_per_mm"], found["response"][found["worse_axis"]], **drawn)
             right.plot(result["distance_mm"], 100 * np.array(found["apart"]), label=label, **drawn)
         limit = result["node_limit_per_mm"]
         left.axvline(limit, color=f"C{number}", linewidth=0.6)

@@ -28,14 +28,16 @@ def ifem(
 ) -> None:
     """Inverse FEM: raw, sparse and ridge as in the papers, the optimal linear estimate, and the board's default."""
     note(f"bench ifem: board {board}")
+    if truth not in ("linear", "finite"):
+        raise InputError(f"unknown truth {truth!r}: linear or finite")
     if only is not None:
+        if truth != "linear":
+            raise InputError("--only resolution is measured on a linear pad: leave --truth out")
         _resolution(board, only, out, json_, quick=quick)
         return
     from ruffini.bench import ifem as benchmark
     from ruffini.boards import find_board
 
-    if truth not in ("linear", "finite"):
-        raise InputError(f"unknown truth {truth!r}: linear or finite")
     chosen: Literal["linear", "finite"] = "finite" if truth == "finite" else "linear"
     found = find_board(board)
     with progress_bar("benchmark") as progress:

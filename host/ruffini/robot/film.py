@@ -109,7 +109,7 @@ def _draw_pad(axes: Any, name: str, frame: Any, full_n: float) -> None:
     axes.imshow(-force[..., 2], cmap="magma", vmin=0, vmax=full_n, origin="lower")
     step = (slice(None, None, 3), slice(None, None, 3))
     rows, columns = np.mgrid[: force.shape[0], : force.shape[1]]
-    axes.quiver(columns[step], rows[step], force[..., 0][step], force[..., 1][step], color="white", scale=3 * FULL_N)
+    axes.quiver(columns[step], rows[step], force[..., 0][step], force[..., 1][step], color="white", scale=3 * full_n)
     axes.set_xticks([])
     axes.set_yticks([])
     contacts = frame.contacts.contacts

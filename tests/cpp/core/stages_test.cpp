@@ -33,6 +33,15 @@ TEST(StageTable, AStageTakesTheSlotsThatItDeclaresAndNoOthers) {
   }
 }
 
+TEST(StageTable, TheTestsBoardsHaveEveryStageInTurnAndNoTwoThatForbidEachOther) {
+  std::set<std::string> listed;
+  for (const std::vector<std::string>& stages : test::stages_by_turns()) {
+    EXPECT_EQ(refuse_stages(stages), "");
+    listed.insert(stages.begin(), stages.end());
+  }
+  for (const std::string& name : stage_names()) EXPECT_TRUE(listed.contains(name)) << name;
+}
+
 TEST(StageTable, APartBelongsToAStageThatABoardLists) {
   for (const StageEntry& entry : stage_table()) {
     if (entry.part_of.empty()) continue;

@@ -10,7 +10,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int kLengths[] = {1, 2, 3, 4, 5, 6, 12, 15, 31, 80, 120, 160, 240, 320, 631, 640};
+constexpr int kLengths[] = {1, 2, 3, 4, 5, 6, 10, 12, 15, 20, 31, 80, 120, 160, 240, 320, 631, 640};
 
 std::vector<int32_t> some_numbers(int n) {
   std::vector<int32_t> out(static_cast<size_t>(n));
@@ -68,6 +68,12 @@ TEST(CosineTransform, TheLargestInputsDoNotOverflow) {
         double expected = 0;
         for (int i = 0; i < n; ++i) expected += in[static_cast<size_t>(i)] * cosine(k, i, n);
         ASSERT_NEAR(out[static_cast<size_t>(k)], expected, tolerance(n)) << "wave " << k << " of " << n;
+      }
+      CosineTransform<ScalarLanes>(tables).inverse(in.data(), out.data(), work.data());
+      for (int i = 0; i < n; ++i) {
+        double expected = 0;
+        for (int k = 0; k < n; ++k) expected += in[static_cast<size_t>(k)] * cosine(k, i, n);
+        ASSERT_NEAR(out[static_cast<size_t>(i)], expected, tolerance(n)) << "place " << i << " of " << n;
       }
     }
   }

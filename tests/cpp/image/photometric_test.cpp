@@ -194,6 +194,20 @@ TEST(PhotometricFill, ContinuesALinearSlopeBetweenNeighbours) {
   EXPECT_EQ(slope[4 * 12 + 7].y.raw(), 130);
 }
 
+TEST(PhotometricFill, FindsASingleMaskedCellAnywhere) {
+  const GridSize grid{11, 5};  // cells are looked at four at a time
+  PhotometricFill fill(grid);
+  for (size_t hole = 0; hole < static_cast<size_t>(grid.count()); ++hole) {
+    std::vector<int16_t> n_kept(static_cast<size_t>(grid.count()), 0x100);
+    std::vector<CellSlope> slope(n_kept.size(), {Slope::from_raw(300), Slope::from_raw(-70)});
+    n_kept[hole] = 0;
+    slope[hole] = {Slope::from_raw(9999), Slope::from_raw(9999)};
+    fill.run(n_kept, slope);
+    EXPECT_EQ(slope[hole].x.raw(), 300) << hole;
+    EXPECT_EQ(slope[hole].y.raw(), -70) << hole;
+  }
+}
+
 TEST(PhotometricFill, WithoutAnyNeighbourItIsZero) {
   PhotometricFill fill({3, 2});
   const std::vector<int16_t> n_kept(6, 0);

@@ -12,7 +12,7 @@
 
 namespace ruffini::test {
 
-// As many stages as a board may list together, each in its place unless an earlier one forbids it; without `left_out`.
+// Stages that a board may list together: in the table's order each that those before it allow, without `left_out`.
 inline std::vector<std::string> stages_but(std::initializer_list<std::string_view> left_out) {
   std::vector<std::string> stages;
   for (const std::string& stage : stage_names()) {
@@ -21,6 +21,18 @@ inline std::vector<std::string> stages_but(std::initializer_list<std::string_vie
     if (!refuse_stages(stages).empty()) stages.pop_back();
   }
   return stages;
+}
+
+// Lists of stages that a board may have, which together have every stage.
+inline std::vector<std::vector<std::string>> stages_by_turns() {
+  return {stages_but({}),
+          stages_but({"markers"}),                                                     // targets, feature_wrench
+          stages_but({"markers", "targets"}),                                          // picture_features, softness
+          stages_but({"markers", "targets", "picture_features"}),                      // spot_intensities
+          stages_but({"markers", "targets", "picture_features", "spot_intensities"}),  // depth_moments
+          stages_but({"markers", "feature_wrench"}),                                   // skin
+          stages_but({"operator", "skin", "poisson"}),                                 // contact_model, contact_depth
+          stages_but({"operator", "feature_wrench", "skin", "contact_model"})};        // fingertip
 }
 
 inline BoardSettings round_board() {

@@ -170,6 +170,25 @@ def test_the_verb_prints_the_rows_and_draws_the_curves(
     assert all(part in text for part in ("lines told apart at", "4.5 mm", "default", "raw", "exact"))
 
 
+def test_half_response_is_that_of_the_axis_that_falls_first() -> None:
+    frequency = np.array([0.1, 0.2, 0.3])
+    falls, stays, below = np.array([1.0, 0.8, 0.4]), np.array([1.0, 0.9, 0.8]), np.array([0.4, 0.3, 0.2])
+    assert resolution.worse_axis(frequency, [stays, falls]) == ("y", pytest.approx(0.275))
+    assert resolution.worse_axis(frequency, [falls, below]) == ("y", 0.0)
+    assert resolution.worse_axis(frequency, [stays, stays]) == ("x", None)
+    result = {"methods": {"raw": {"half_per_mm": 0.0, "apart_mm": 1.0}}, "distance_mm": [0.4, 4.0]}
+    assert resolution.cells({**result, "frequency_per_mm": frequency}, "raw") == ("1.0 mm", "< 0.10 / mm")
+
+
+def test_what_would_be_ignored_is_refused(tmp_path) -> None:
+    only = ["bench", "ifem", "--board", "gelslim", "--only", "resolution"]
+    done = CliRunner().invoke(app, [*only, "--truth", "finite"])
+    assert done.exit_code != 0
+    assert "linear pad" in str(done.exception) + done.output
+    with pytest.raises(SystemExit):
+        command.main(["--quick", "--table", str(tmp_path / "a.md")])
+
+
 def test_boards_without_a_field_are_refused() -> None:
     with pytest.raises(InputError, match="measures no field of forces"):
         resolution.run(find_board("ftouch"), quick=True)

@@ -75,6 +75,7 @@ def test_the_example_lifts_what_it_is_not_told(calibrations, monkeypatch):
         (["--seeds", "0"], "give at least 1"),
         (["--film", "nosuch/film.gif"], "a folder that exists"),
         (["--film", "film.mp4"], "give a .gif"),
+        (["--film", ""], "give a .gif"),
     ],
 )
 def test_the_example_refuses_bad_arguments_with_one_sentence(arguments, said, capsys):
