@@ -1,5 +1,6 @@
 """A gripper that feels: adaptive grip of the example, the Gymnasium environment, and the film."""
 
+import importlib
 import sys
 from pathlib import Path
 
@@ -66,6 +67,7 @@ def test_the_example_lifts_what_it_is_not_told(calibrations, monkeypatch):
     assert 1.0 < result.grip_n / result.least_n < 1.5
 
 
+@pytest.mark.parametrize("example", ["adaptive_grip", "pen_stroke"])
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -78,14 +80,12 @@ def test_the_example_lifts_what_it_is_not_told(calibrations, monkeypatch):
         (["--film", ""], "give a .gif"),
     ],
 )
-def test_the_example_refuses_bad_arguments_with_one_sentence(arguments, said, capsys):
-    import adaptive_grip
-
+def test_an_example_refuses_bad_arguments_with_one_sentence(example, arguments, said, capsys):
     with pytest.raises(SystemExit) as caught:
-        adaptive_grip.main(arguments)
+        importlib.import_module(example).main(arguments)
     assert caught.value.code == 2
     printed = capsys.readouterr()
-    assert printed.err.startswith("adaptive_grip: ")
+    assert printed.err.startswith(f"{example}: ")
     assert said in printed.err
     assert printed.err.count("\n") == 1
     assert printed.out == ""

@@ -62,24 +62,3 @@ def test_a_film_of_a_world_shows_slope_and_line(pen, calibrations, tmp_path):
     changed = np.argwhere(np.abs(lined - sloped) > 60)
     assert np.ptp(changed[:, 1]) > 60  # columns
     assert np.ptp(changed[:, 0]) < 6
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--board", "nosuch"], "no board 'nosuch'"),
-        (["--board", "eltac"], "does not measure force_x, force_y"),
-        (["--seeds", "0"], "give at least 1"),
-        (["--film", "film.mp4"], "give a .gif"),
-    ],
-)
-def test_the_example_refuses_bad_arguments_with_one_sentence(arguments, said, capsys):
-    import pen_stroke
-
-    with pytest.raises(SystemExit) as caught:
-        pen_stroke.main(arguments)
-    assert caught.value.code == 2
-    printed = capsys.readouterr()
-    assert printed.err.startswith("pen_stroke: ")
-    assert said in printed.err
-    assert (printed.err.count("\n"), printed.out) == (1, "")
