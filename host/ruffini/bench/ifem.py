@@ -286,7 +286,7 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
         result["coverage"] = coverage_of(methods, depths)
         progress(0.9)
         result["window"] = window.run(board, n_seeds=2 if quick else 6)
-        result["resolution"] = resolution.run(board, quick=quick, progress=lambda done: progress(0.9 + 0.02 * done))
+        result["resolution"] = resolution.part(board, quick=quick, progress=lambda done: progress(0.9 + 0.02 * done))
         if fitted.has_images(board):
             result["fitted"] = fitted.run(
                 board, depths, quick=quick, progress=lambda done: progress(0.92 + 0.08 * done)

@@ -13,10 +13,10 @@ as of X-ray detectors (IEC 62220-1). The curve of "exact" is a node's average ov
 lower of the frequencies at which the responses along x and y fall to HALF; that axis is the one shown.
 
 Told apart: two parallel lines, LINE_WIDTH_MM wide at half their height (a row of the truth, if that is wider), press
-with LINE_N each. The nodal forces,
-averaged along the lines, have a maximum on each side of the middle, at most half the distance from its line, and
-between the two a force at least DIP below the lower one (Rayleigh). The smallest distance is the one from which on this
-holds in ENOUGH of the noisy repeats for lines along x and along y and at each of OFFSETS places between two nodes.
+with LINE_N each. The nodal forces, averaged along the lines, have a maximum on each side of the middle, at most half
+the distance from its line, and between the two a force at least DIP below the lower one (Rayleigh). The smallest
+distance is the one from which on this holds in ENOUGH of the noisy repeats for lines along x and along y and at each of
+OFFSETS places between two nodes.
 """
 
 from __future__ import annotations
@@ -118,16 +118,8 @@ def node_step_m(board: Board) -> tuple[float, float]:
 
 
 def make_truth(board: Board, axis: int) -> Truth:
-    """Solve the pad with a mesh that is fine along `axis` (0: x, 1: y) (seconds).
-
-    Raises
-    ------
-    InputError
-        The board has no twin, or none with a flat pad.
-    """
+    """Solve the pad with a mesh that is fine along `axis` (0: x, 1: y) (seconds)."""
     twin = load_twin(board).with_pad(strain="linear", is_relaxing=False)
-    if twin.shape.kind != "plane":
-        raise InputError(f"board {board.name!r} is a {twin.shape.kind}: the resolution is that of flat pads")
     pad = board.pad
     sizes = np.array([pad.size_x_um, pad.size_y_um]) * 1e-6
     cells = np.ceil(sizes / COARSE_M).astype(int)
@@ -271,22 +263,37 @@ class Nodes:
         return np.outer(along, values) if axis == 0 else np.outer(values, along)
 
 
+def refusal(board: Board) -> str:
+    """Why the resolution of this board cannot be measured, in one sentence; empty if it can.
+
+    Raises
+    ------
+    InputError
+        The board has no twin.
+    """
+    if not board.writes("node_forces"):
+        return f"board {board.name!r} measures no field of forces: no stage of it writes node_forces"
+    coarsest_mm, most_mm = 1e3 * max(node_step_m(board)), 2 * FINER * LINE_WIDTH_MM  # else a line may miss all rows
+    if coarsest_mm > most_mm:
+        return (
+            f"board {board.name!r} has nodes {coarsest_mm:.1f} mm apart: lines {LINE_WIDTH_MM} mm wide need at most "
+            f"{most_mm:.1f} mm"
+        )
+    if (kind := load_twin(board).shape.kind) != "plane":
+        return f"board {board.name!r} is a {kind}: the resolution is that of flat pads"
+    return ""
+
+
 def run(board: Board, *, quick: bool, progress: Progress = lambda _: None) -> dict[str, Any]:
     """Response by frequency and axis, half frequency, share of lines told apart by distance, smallest distance.
 
     Raises
     ------
     InputError
-        The board has no field of forces, no twin, or none with a flat pad.
+        It cannot be measured: `refusal`.
     """
-    if not board.writes("node_forces"):
-        raise InputError(f"board {board.name!r} measures no field of forces: no stage of it writes node_forces")
-    coarsest_mm, most_mm = 1e3 * max(node_step_m(board)), 2 * FINER * LINE_WIDTH_MM  # else a line may miss all rows
-    if coarsest_mm > most_mm:
-        raise InputError(
-            f"board {board.name!r} has nodes {coarsest_mm:.1f} mm apart: lines {LINE_WIDTH_MM} mm wide need at most "
-            f"{most_mm:.1f} mm"
-        )
+    if refused := refusal(board):
+        raise InputError(refused)
     truths = []
     for axis in range(len(AXES)):
         truths.append(make_truth(board, axis))
@@ -320,6 +327,12 @@ def run(board: Board, *, quick: bool, progress: Progress = lambda _: None) -> di
         "is_measured": "force_z" not in board.board.not_measured, "frequency_per_mm": frequency.tolist(),
         "distance_mm": DISTANCES_MM.tolist(), "methods": methods,
     }  # fmt: skip
+
+
+def part(board: Board, *, quick: bool, progress: Progress) -> dict[str, Any]:
+    """`run` as a part of a longer bench, which a refusal must not cost: then {"refused": the sentence}."""
+    refused = refusal(board)
+    return {"refused": refused} if refused else run(board, quick=quick, progress=progress)
 
 
 def worse_axis(frequency: Array, curves: list[Array]) -> tuple[str, float | None]:
@@ -401,7 +414,9 @@ def cells(result: dict[str, Any], name: str) -> tuple[str, str]:
 
 
 def table(result: dict[str, Any]) -> str:
-    """The result as text."""
+    """The result of `run` or `part` as text."""
+    if "refused" in result:
+        return f"resolution: not measured: {result['refused']}"
     noise = "/".join(f"{v:g}" for v in result["noise_um"])
     picked = range(0, len(result["frequency_per_mm"]), 2)
     rows = []

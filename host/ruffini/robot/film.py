@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+from ruffini.robot.shapes import mesh_vertices
 
 Array = npt.NDArray[np.float64]
 
@@ -20,6 +21,7 @@ VIEW_M = (-0.075, 0.075, -0.005, 0.145)  # x and z
 FULL_N = 0.02
 CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 ROUND = np.array([(np.cos(turn), np.sin(turn), 0.0) for turn in np.linspace(0, 2 * np.pi, 40, endpoint=False)])
+BALL = np.concatenate([ROUND * np.cos(rise) + [0, 0, np.sin(rise)] for rise in np.linspace(-1.5, 1.5, 21)])
 COLORS = {"thing": "#c9a227", "table": "#888888"}
 
 
@@ -75,6 +77,20 @@ class Film:
         first.save(path, save_all=True, append_images=others, duration=FRAME_MS, loop=0, optimize=True)
 
 
+def surface_points(model: Any, geom: int) -> Array:
+    """Points whose convex hull is about the geom, (n, 3) metres in its axes."""
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        return mesh_vertices(model, model.geom_dataid[geom])
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return np.asarray(CORNERS * size)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return np.concatenate([ROUND * size[0] + [0, 0, end * size[1]] for end in (-1, 1)])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return np.concatenate([BALL * size[0] + [0, 0, end * size[1]] for end in (-1, 1)])
+    return np.asarray(BALL * (size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else size[0]))
+
+
 def _draw_scene(axes: Any, world: Any) -> None:
     from matplotlib.patches import Polygon
     from scipy.spatial import ConvexHull
@@ -82,18 +98,11 @@ def _draw_scene(axes: Any, world: Any) -> None:
     model, data = world.model, world.data
     shapes = []  # corners or outline in the world, colour
     for geom in range(model.ngeom):
-        kind, size, turn = model.geom_type[geom], model.geom_size[geom], data.geom_xmat[geom].reshape(3, 3)
-        if kind == mujoco.mjtGeom.mjGEOM_PLANE:
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             axes.axhline(data.geom_xpos[geom, 2], color=COLORS["table"], lw=2)
             continue
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
-        if kind == mujoco.mjtGeom.mjGEOM_BOX:
-            points = CORNERS * size
-        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            points = np.concatenate([ROUND * [size[0], size[0], 0] + [0, 0, end * size[1]] for end in (-1, 1)])
-        else:
-            points = ROUND[:, [0, 2, 1]] * size[0]
-            turn = np.eye(3)
+        name, turn = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom), data.geom_xmat[geom].reshape(3, 3)
+        points = surface_points(model, geom)
         shapes.append((points @ turn.T + data.geom_xpos[geom], COLORS.get(name or "", "#4a6fa5")))
     for pad in world.pads.values():
         place, thick = pad.frame(data), pad.solid.unit.model.thickness_m

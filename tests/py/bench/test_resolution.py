@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -187,6 +188,17 @@ def test_what_would_be_ignored_is_refused(tmp_path) -> None:
     assert "linear pad" in str(done.exception) + done.output
     with pytest.raises(SystemExit):
         command.main(["--quick", "--table", str(tmp_path / "a.md")])
+
+
+def test_a_refused_part_costs_no_other_part_of_the_bench(tmp_path: Path) -> None:
+    folder = tmp_path / "gelslim"
+    shutil.copytree(ROOT / "boards" / "gelslim", folder)
+    text = (folder / "board.toml").read_text()
+    (folder / "board.toml").write_text(text.replace("n_x = 31\nn_y = 25\n", "n_x = 8\nn_y = 7\n"))
+    found = resolution.part(find_board(str(folder)), quick=True, progress=lambda _: None)
+    assert resolution.table(found) == (
+        "resolution: not measured: board 'gelslim' has nodes 2.9 mm apart: lines 0.3 mm wide need at most 2.6 mm"
+    )
 
 
 def test_boards_without_a_field_are_refused() -> None:

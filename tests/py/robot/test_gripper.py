@@ -18,7 +18,7 @@ from PIL import Image
 from ruffini.errors import InputError
 from ruffini.robot import Gripper, Thing, environment
 from ruffini.robot.environment import NAME
-from ruffini.robot.film import FRAME_MS, Film
+from ruffini.robot.film import FRAME_MS, Film, surface_points
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "host" / "examples" / "robot"))
 
@@ -50,6 +50,23 @@ def test_both_pads_carry_the_weight_and_a_weak_grip_drops_it(calibrations, tmp_p
         assert len(np.unique(first.reshape(-1, 3), axis=0)) > 10  # scene and pads, no blank sheet
         kept.seek(1)
         assert (np.asarray(kept.convert("RGB")) != first).any()
+
+
+def test_a_film_draws_each_shape_at_its_size():
+    import mujoco
+
+    corners = "0 0 0  .01 0 0  0 .02 0  0 0 .03"
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><asset><mesh name="m" vertex="{corners}"/></asset><worldbody>
+        <geom type="sphere" size=".01"/><geom type="ellipsoid" size=".01 .02 .03"/>
+        <geom type="capsule" size=".01 .02"/><geom type="cylinder" size=".01 .02"/>
+        <geom type="box" size=".01 .02 .03"/><geom type="mesh" mesh="m"/></worldbody></mujoco>"""
+    )
+    half = [[0.01] * 3, [0.01, 0.02, 0.03], [0.01, 0.01, 0.03], [0.01, 0.01, 0.02], [0.01, 0.02, 0.03]]
+    for geom, wanted in enumerate(half):
+        points = surface_points(model, geom)
+        np.testing.assert_allclose(np.ptp(points, axis=0) / 2, wanted, rtol=0.01)
+    assert len(surface_points(model, 5)) == 4
 
 
 def test_an_empty_film_is_refused(tmp_path):
