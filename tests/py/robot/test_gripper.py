@@ -52,6 +52,13 @@ def test_both_pads_carry_the_weight_and_a_weak_grip_drops_it(calibrations, tmp_p
         assert (np.asarray(kept.convert("RGB")) != first).any()
 
 
+def test_a_film_that_would_replace_a_folder_is_refused(tmp_path, capsys):
+    (tmp_path / "film.gif").mkdir()
+    with pytest.raises(SystemExit):
+        importlib.import_module("pen_stroke").main(["--film", str(tmp_path / "film.gif")])
+    assert "give a .gif in a folder that exists" in capsys.readouterr().err
+
+
 def test_a_film_draws_each_shape_at_its_size():
     import mujoco
 
