@@ -47,6 +47,16 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
     (tree_gates.core_headers, {"firmware/image/a.cpp": "#include <fstream>\n"}, "<fstream>"),
     (tree_gates.core_headers, {"firmware/store/calibration.cpp": "#include <unistd.h>\n"}, "<unistd.h>"),
     (tree_gates.missing_includes, {"tests/cpp/a.cpp": "int a = std::clamp(1, 2, 3);\n"}, "<algorithm>"),
+    (
+        tree_gates.unbuilt_tests,
+        {
+            "CMakeLists.txt": "GLOB X tests/cpp/stages/*_test.cpp)\n tests/cpp/a_test.cpp\n",
+            "tests/cpp/a_test.cpp": "",
+            "tests/cpp/b_test.cpp": "",
+            "tests/cpp/stages/c_test.cpp": "",
+        },
+        "tests/cpp/b_test.cpp is compiled by no target",
+    ),
     (tree_gates.host_layers, {"host/ruffini/sim/a.py": "from ruffini.fem import slab\n"}, "sim must not know fem"),
     (tree_gates.host_layers, {"host/ruffini/cli/a.py": "def f():\n    import papers.b\n"}, "must not know host/papers"),
     (tree_gates.host_layers, {"host/papers/b/method.py": "import ruffini.fem\n"}, "must know nothing of ours"),

@@ -199,6 +199,19 @@ def missing_includes(root: Path) -> list[str]:
     return found
 
 
+def unbuilt_tests(root: Path) -> list[str]:
+    """CMakeLists.txt names each C++ test, or globs its folder: a file that nothing compiles asserts nothing."""
+    lists = root / "CMakeLists.txt"
+    built = _text(lists) if lists.is_file() else ""
+    return [
+        f"{name} is compiled by no target of CMakeLists.txt"
+        for path in _sources(root, "tests/cpp/")
+        if (name := path.relative_to(root).as_posix()).endswith("_test.cpp")
+        and name not in built
+        and f"{name.rsplit('/', 1)[0]}/*_test.cpp" not in built
+    ]
+
+
 @functools.cache
 def _parsed(text: str) -> ast.Module:
     """Not to be changed: every gate that reads the same text gets the same tree."""

@@ -46,6 +46,28 @@ std::vector<Sums> flooded(const std::vector<int16_t>& weight, int width, int hei
   return out;
 }
 
+// Arms that only meet further down are one.
+TEST(Blobs, JoinsWhatMeetsLater) {
+  const std::vector<std::vector<int16_t>> rows = {
+      {1, 0, 2, 0, 0, 0, 5, 0}, {1, 0, 2, 0, 0, 0, 0, 0}, {1, 1, 2, 0, 0, 0, 7, 0}};
+  Blobs blobs(7, 3);
+  ASSERT_EQ(blobs.row(), 8U);
+  blobs.start();
+  for (size_t y = 0; y < rows.size(); ++y) blobs.add(rows[y], static_cast<int>(y));
+  std::vector<Blob> whole;
+  for (size_t i = 0; i < blobs.all().size(); ++i) {
+    if (blobs.all()[i].parent == static_cast<int>(i)) whole.push_back(blobs.all()[i]);
+  }
+  ASSERT_EQ(whole.size(), 3U);
+  EXPECT_EQ(whole[0].area, 7);
+  EXPECT_EQ(whole[0].weight, 10);
+  EXPECT_EQ(whole[0].weight_x, 13);
+  EXPECT_EQ(whole[0].y, 8);
+  EXPECT_TRUE(whole[0].touches_border);
+  EXPECT_EQ(whole[1].weight, 5);
+  EXPECT_EQ(whole[2].weight, 7);
+}
+
 TEST(Blobs, AreThoseOfAFloodForEveryWidthAndEmptyRowsBetween) {
   std::mt19937 random(1);
   for (int width = 1; width <= 40; ++width) {
