@@ -154,11 +154,11 @@ soak: build  ## the long runs of what `make test` does in short: every crash sta
 	@$(PYTHON) tests/ledger.py simulation $(BUILD)/ruffini_simulation $(SIM_HOURS)
 
 mutants: build  ## seeded bugs in firmware, host and page: each must be seen by its layer of tests; TURN=I/N plays each N-th
-	@$(PYTHON) tests/mutants/run.py --build $(BUILD) $(if $(TURN),--turn $(TURN)) --tests-that-never-caught $(BUILD)/idle_tests.txt
+	@$(PYTHON) tests/mutants/mutants.py --build $(BUILD) $(if $(TURN),--turn $(TURN)) --tests-that-never-caught $(BUILD)/idle_tests.txt
 
 HOSTILE ?=
 hostile: build  ## own hostile cases, SIMULATED: camera faults and more; writes docs/results/hostile.md. HOSTILE='--quick --only pictures'
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/hostile/run.py --table docs/results/hostile.md $(HOSTILE)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/hostile/hostile.py --table docs/results/hostile.md $(HOSTILE)
 
 GELS ?=
 gels: build  ## force of gels without markers by `ruffini cal auto`, SIMULATED; writes their rows in docs/results/accuracy.md. GELS='--board ninedtact'
@@ -174,7 +174,7 @@ real: build  ## one table and a page of what was measured on recordings of real 
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
-	@$(PYTHON) tests/bench/run.py --build $(BUILD)
+	@$(PYTHON) tests/bench/benchmarks.py --build $(BUILD)
 	@$(PYTHON) tests/bench/client_decode.py --build $(BUILD)
 	@$(PYTHON) tests/bench/scaling.py --build $(BUILD) $(if $(QUICK),--quick)
 	@$(PYTHON) tests/bench/building.py $(if $(QUICK),--quick)
@@ -184,7 +184,7 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 
 oracle: build  ## a finite element program of others (CalculiX) presses the pad that the board measures, hours the first time; its forces beside the twin's. QUICK=1: two presses
 	@.ci/setup oracle
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice $(PYTHON) tests/oracle/run.py $(if $(QUICK),--quick,--out out/oracle.txt)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice $(PYTHON) tests/oracle/oracle.py $(if $(QUICK),--quick,--out out/oracle.txt)
 
 FUNCTIONS ?= 0
 profile: build  ## instructions, loads and cache lines of every stage on 64-bit ARM, counted under qemu: the same on any machine with one compiler; writes its rows in docs/results/accuracy.md. FUNCTIONS=N: the N longest functions of each

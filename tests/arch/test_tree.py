@@ -57,6 +57,12 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         },
         "tests/cpp/b_test.cpp is compiled by no target",
     ),
+    (
+        tree_gates.shared_module_names,
+        {"tests/bench/run.py": "", "tests/hostile/run.py": ""},
+        "tests/hostile/run.py and tests/bench/run.py are one module",
+    ),
+    (tree_gates.shared_module_names, {"tests/vm/queue.py": ""}, "tests/vm/queue.py hides a module of Python"),
     (tree_gates.host_layers, {"host/ruffini/sim/a.py": "from ruffini.fem import slab\n"}, "sim must not know fem"),
     (tree_gates.host_layers, {"host/ruffini/cli/a.py": "def f():\n    import papers.b\n"}, "must not know host/papers"),
     (tree_gates.host_layers, {"host/papers/b/method.py": "import ruffini.fem\n"}, "must know nothing of ours"),

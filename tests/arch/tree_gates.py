@@ -6,6 +6,7 @@ import ast
 import functools
 import re
 import subprocess
+import sys
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -210,6 +211,22 @@ def unbuilt_tests(root: Path) -> list[str]:
         and name not in built
         and f"{name.rsplit('/', 1)[0]}/*_test.cpp" not in built
     ]
+
+
+def shared_module_names(root: Path) -> list[str]:
+    """Scripts import their neighbours by file name: of two files of one name, a process sees what it loads first."""
+    first: dict[str, str] = {}
+    found = []
+    for path in sorted(_sources(root, "tests/", "host/examples/")):
+        name = path.relative_to(root).as_posix()
+        if path.suffix != ".py" or path.name == "conftest.py" or (path.parent / "__init__.py").exists():
+            continue
+        other = first.setdefault(path.stem, name)
+        if path.stem in sys.stdlib_module_names:
+            found.append(f"{name} hides a module of Python: give it another name")
+        elif other != name:
+            found.append(f"{name} and {other} are one module to Python: give one of them another name")
+    return found
 
 
 @functools.cache

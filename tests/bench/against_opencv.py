@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from run import COLOUR_OF_SLOPE
+from benchmarks import COLOUR_OF_SLOPE
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate.container import base_metadata, pack

@@ -6,7 +6,7 @@
     cmake --build BUILD --target ruffini_one_frame
     tests/bench/instructions.py --binary BUILD/ruffini_one_frame [--functions N] [--table FILE] [FOLDER...]
 
-FOLDER: as tests/bench/run.py leaves it in build/bench; if it is missing, the script makes the recordings and
+FOLDER: as tests/bench/benchmarks.py leaves it in build/bench; if it is missing, the script makes the recordings and
 calibrations that it needs.
 Three frames are counted: an untouched one, the first of a press and the next one. Loads and cache lines are those of
 the first of a press; the caches are a model (tests/bench/stage_counts.c). All counts are exact and the same on every
@@ -28,8 +28,8 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from benchmarks import make_data, seventy_markers, solve_tensors
 from gels import with_row
-from run import make_data, seventy_markers, solve_tensors
 
 from ruffini.boards import parse_board
 from ruffini.files import write_whole
@@ -56,9 +56,9 @@ FRAMES = ("untouched", "touched", "next")
 SECTION = "## Instructions of one frame"
 SHOWN = 0.7e6  # instructions of a stage at either size, from which on the document has a row of it
 # The code that the figures depend on: commits of anything else change none.
-JUDGED = ("firmware", "host/ruffini", "boards/gelslim", "CMakeLists.txt", ".ci/aarch64.cmake", "tests/bench/run.py",
-          "tests/bench/one_frame.cpp", "tests/bench/instructions.py", "tests/bench/stage_counts.c",
-          ":!*.md")  # fmt: skip
+JUDGED = ("firmware", "host/ruffini", "boards/gelslim", "CMakeLists.txt", ".ci/aarch64.cmake",
+          "tests/bench/benchmarks.py", "tests/bench/one_frame.cpp", "tests/bench/instructions.py",
+          "tests/bench/stage_counts.c", ":!*.md")  # fmt: skip
 COMPILER = "12"  # the major version of aarch64-linux-gnu-g++ that the document's counts are of
 PLUGIN = Path(__file__).with_name("stage_counts.c")
 FIRST_QEMU_OF_API_2 = 9

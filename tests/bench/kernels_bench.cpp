@@ -2,7 +2,7 @@
 //
 //   ruffini_bench --data=FOLDER [google-benchmark options]
 //
-// FOLDER is made by tests/bench/run.py (recorded_input.h).
+// FOLDER is made by tests/bench/benchmarks.py (recorded_input.h).
 #include <benchmark/benchmark.h>
 
 #include <Eigen/Core>

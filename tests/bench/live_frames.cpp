@@ -1,4 +1,4 @@
-// A live camera's frames, for counting what its checks cost (checks.py).
+// A live camera's frames, for counting what its checks cost (check_costs.py).
 //
 //   ruffini_live_frames FOLDER N_REST    board.toml, calibration.safetensors, and frames.bgr: N_REST untouched pictures
 //                                        that are learned, then those that are counted, one after the other

@@ -1,4 +1,4 @@
-// What the benchmarks read: a folder that tests/bench/run.py makes.
+// What the benchmarks read: a folder that tests/bench/benchmarks.py makes.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +19,7 @@ namespace ruffini::bench {
 inline std::vector<uint8_t> read_file(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
   if (!in) {
-    std::cerr << path << ": cannot be read: run tests/bench/run.py, which makes it\n";
+    std::cerr << path << ": cannot be read: run tests/bench/benchmarks.py, which makes it\n";
     std::exit(2);
   }
   return {std::istreambuf_iterator<char>(in), {}};

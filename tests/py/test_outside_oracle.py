@@ -21,7 +21,7 @@ from ruffini.estimators.operator.gauge import USUAL
 from ruffini.fem.operators import Noise
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
-import run
+import oracle
 from compare import kept_states, solve_press
 from deck import SETTLED_CONTACT, Pad, Place, write_deck
 from mesh import HALF_STEPS, PadMesh, graded, punch, sheet
@@ -198,7 +198,7 @@ def test_a_solver_that_takes_too_long_is_stopped_with_one_sentence(
 def test_the_command_refuses_what_it_does_not_know(
     arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run.main([*arguments, "--solved-only", "--folder", str(tmp_path)]) == 2
+    assert oracle.main([*arguments, "--solved-only", "--folder", str(tmp_path)]) == 2
     printed = capsys.readouterr()
     assert said in printed.err
     assert printed.err.startswith("oracle: ")
@@ -262,7 +262,7 @@ NOISE = Noise(USUAL.sigma_m)
 
 
 def test_the_boards_integers_measure_kept_presses_of_the_oracle() -> None:
-    """A ball 0.3, 0.6 and 1 mm deep, as `run.py --only ball --keep FILE` wrote it; the errors are two-sided budgets."""
+    """A ball 0.3, 0.6 and 1 mm deep (`oracle.py --only ball --keep FILE`); the errors are two-sided budgets."""
     board = find_board("gelslim")
     kind = kept(make_operator, board, method="support", noise=NOISE, n_touches=0)
     step_mm = tuple(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,14 +11,9 @@ import pytest
 HOSTILE = Path(__file__).parents[2] / "hostile"
 sys.path.append(str(HOSTILE))
 
+import hostile  # noqa: E402
 import table  # noqa: E402
 from row import Row, Wanted  # noqa: E402
-
-_spec = importlib.util.spec_from_file_location("hostile_run", HOSTILE / "run.py")  # the oracle's is `run`, too
-assert _spec is not None
-assert _spec.loader is not None
-hostile = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(hostile)
 
 WHAT = {"pictures": "camera faults", "stores": "files"}
 RUN = table.Run("12345678", "2026-01-02", "x86_64, 2 cores")
@@ -94,7 +87,7 @@ def test_only_full_runs_are_kept(
         def rows(seed: int, quick: bool, is_wanted: Wanted) -> list[Row]:
             return [row for row in (PLATE, Row("ftouch", "plates", 3, 3, 0)) if is_wanted(row.board)]
 
-    monkeypatch.setattr(importlib, "import_module", lambda _: Cases)
+    monkeypatch.setattr(hostile.importlib, "import_module", lambda _: Cases)
     path = tmp_path / "hostile.md"
     words = ["--only", "punches", "--board", "gelslim", "--table", str(path), *(["--quick"] if is_quick else [])]
     assert hostile.main(words) == 1

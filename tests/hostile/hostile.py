@@ -1,8 +1,8 @@
 """`make hostile`: own cases against the promise that nothing wrong goes unmarked and nothing is lost. SIMULATED.
 
-    python tests/hostile/run.py                      # everything
-    python tests/hostile/run.py --quick --seed 7     # fewer cases of each group, drawn from another seed
-    python tests/hostile/run.py --only pictures --board gelslim
+    python tests/hostile/hostile.py                      # everything
+    python tests/hostile/hostile.py --quick --seed 7     # fewer cases of each group, drawn from another seed
+    python tests/hostile/hostile.py --only pictures --board gelslim
 
 Each module of MODULES draws its cases from the seed and yields a Row for each group of them. A case is right where what
 came out is correct or marked as not to be used. Ends with exit code 1 where any was wrong.

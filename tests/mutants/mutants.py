@@ -1,6 +1,7 @@
 """Plants the bugs of seeded_bugs.toml one by one in copies of the tree; each must be seen by its layer of tests.
 
-    python tests/mutants/run.py --build build [--only WORDS] [--turn I/N] [--jobs N] [--tests-that-never-caught FILE]
+    python tests/mutants/mutants.py --build build [--only WORDS] [--turn I/N] [--jobs N]
+                                    [--tests-that-never-caught FILE]
 
 A layer is a command of seeded_bugs.toml, or a test file: of gtest, pytest or the page. A bug in C++ rebuilds its
 layer's program and no more; other bugs are not compiled. Prints for each bug whether its layer fails or hangs, which

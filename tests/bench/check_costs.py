@@ -1,7 +1,7 @@
 """What the checks against wrong pictures cost: instructions of each beside those of the frame, counted by valgrind.
 
     cmake --build build --target ruffini_live_frames
-    tests/bench/checks.py --binary build/ruffini_live_frames [--board NAME ...]
+    tests/bench/check_costs.py --binary build/ruffini_live_frames [--board NAME ...]
 
 Of every board of `make hostile`, SIMULATED, with the calibration of that trial: N_FRAMES untouched and as many pressed
 frames. The counts are the same on every run, whatever else the computer does; a check whose memory is slower than its
