@@ -228,17 +228,21 @@ class Observer:
             u = LostMarkers(0.0, WHITE_UM).observe(self._lattice, state.displacement, state.at_markers, rng)
         return np.asarray(u[self.board.observed])
 
+    def vectors(self) -> dict[str, Estimate]:
+        """Force at each node (n_y, n_x, 3), newtons, of what was seen."""
+        return {"default": self._as_the_board, "raw": self._without_prior}
+
     def estimates(self) -> dict[str, Estimate]:
         """Normal force (n_y, n_x), newtons, of what was seen."""
-        return {"default": self._as_the_board, "raw": self._without_prior}
+        return {"default": lambda u: self._as_the_board(u)[..., 2], "raw": lambda u: self._without_prior(u)[..., 2]}
 
     def _as_the_board(self, u: Array) -> Array:
         steps = np.clip(np.round(u / DISPLACEMENT_LSB_M), -32767, 32767).astype(np.int16)
         force = self._pipeline.solve(steps.reshape(1, -1, 3)).reshape(u.shape)
-        return np.asarray(force[..., 2] * (self.board.field.force_lsb_un * 1e-6))
+        return np.asarray(force * (self.board.field.force_lsb_un * 1e-6))
 
     def _without_prior(self, u: Array) -> Array:
-        return np.asarray((self._raw @ u.ravel()).reshape(u.shape)[..., 2])
+        return np.asarray((self._raw @ u.ravel()).reshape(u.shape))
 
 
 @dataclass(frozen=True)

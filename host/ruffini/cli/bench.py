@@ -18,11 +18,18 @@ def ifem(
         str, typer.Option(help="Strain of the true pad: linear, or finite (half an hour once; then from a cache).")
     ] = "linear",
     only: Annotated[
-        str | None, typer.Option(help="resolution: lines told apart, and response by spatial frequency; no more.")
+        str | None,
+        typer.Option(
+            help="resolution: lines told apart, and response by spatial frequency; objects: a screw, a coin and a key."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Picture (PNG) of the fields beside the truth; with --only, of the response."),
+        typer.Option(
+            "--out",
+            help="Picture (PNG) of the fields beside the truth; with --only resolution, of the response; with --only "
+            "objects, also an animation of each beside it.",
+        ),
     ] = None,
     json_: JsonFlag = False,
 ) -> None:
@@ -31,9 +38,11 @@ def ifem(
     if truth not in ("linear", "finite"):
         raise InputError(f"unknown truth {truth!r}: linear or finite")
     if only is not None:
+        if only not in PARTS:
+            raise InputError(f"unknown part {only!r}: {' or '.join(PARTS)}")
         if truth != "linear":
-            raise InputError("--only resolution is measured on a linear pad: leave --truth out")
-        _resolution(board, only, out, json_, quick=quick)
+            raise InputError(f"--only {only} is measured on a linear pad: leave --truth out")
+        PARTS[only](board, out, json_, quick=quick)
         return
     from ruffini.bench import ifem as benchmark
     from ruffini.boards import find_board
@@ -51,13 +60,11 @@ def ifem(
     emit(result, json_, text)
 
 
-def _resolution(board: str, only: str, out: Path | None, json_: bool, *, quick: bool) -> None:
+def _resolution(board: str, out: Path | None, json_: bool, *, quick: bool) -> None:
     """`bench ifem --only resolution`."""
     from ruffini.bench import resolution
     from ruffini.boards import find_board
 
-    if only != "resolution":
-        raise InputError(f"unknown part {only!r}: resolution")
     with progress_bar("resolution") as progress:
         result = resolution.run(find_board(board), quick=quick, progress=progress)
     text = resolution.table(result)
@@ -67,6 +74,31 @@ def _resolution(board: str, only: str, out: Path | None, json_: bool, *, quick: 
         result["picture"] = str(curves(out, [result]))
         text += f"\n{out}"
     emit(result, json_, text)
+
+
+def _objects(board: str, out: Path | None, json_: bool, *, quick: bool) -> None:
+    """`bench ifem --only objects`."""
+    from ruffini.bench import fine_objects
+    from ruffini.boards import find_board
+
+    if quick:
+        raise InputError("--only objects has no quick form: leave --quick out")
+    found = find_board(board)
+    with progress_bar("objects") as progress:
+        objects = fine_objects.seen(found, progress)
+    result = fine_objects.result_of(found, objects)
+    text = fine_objects.table(result)
+    if out is not None:
+        from ruffini.bench.fine_objects_picture import animation, sheet
+
+        made = [sheet(out, found, objects)]
+        made += [animation(out.with_name(f"{out.stem}-{n}.webp"), found, n, seen) for n, seen in objects.items()]
+        result["pictures"] = [str(path) for path in made]
+        text += "\n" + "\n".join(result["pictures"])
+    emit(result, json_, text)
+
+
+PARTS = {"resolution": _resolution, "objects": _objects}
 
 
 def slip(

@@ -1,0 +1,63 @@
+"""A screw, a coin and a key on the pad: shapes that are what their names say, and what the board makes of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from ruffini.bench import fine_objects
+from ruffini.bench.fine_objects import coin, key, screw
+from ruffini.boards import find_board
+from ruffini.cli.app import app
+from ruffini.errors import InputError
+
+STEP_MM = 0.01
+
+
+def test_a_thread_has_the_pitch_the_depth_and_the_hand_of_its_standard() -> None:
+    x = np.arange(-3.5, 3.5, STEP_MM)  # four pitches
+    along = screw(x, np.zeros_like(x))
+    assert np.ptp(along) == pytest.approx(0.541 * 1.75, rel=0.01)  # ISO 68-1: 5/8 of the sharp triangle
+    period = round(1.75 / STEP_MM)
+    np.testing.assert_allclose(along[period:], along[:-period], atol=1e-9)
+    crests, roots = (along < 1e-9).mean(), (along > np.max(along) - 1e-9).mean()
+    assert (crests, roots) == (pytest.approx(1 / 8, abs=0.02), pytest.approx(1 / 4, abs=0.02))
+    # x, y and z (from the pad to the object) are right-handed, and so is the thread: at its lower side x grows with y.
+    y = 3.0
+    ahead = 1.75 * np.arcsin(y / 6) / (2 * np.pi)
+    at_y = screw(x, np.full_like(x, y))
+    assert screw(np.array([ahead]), np.array([y]))[0] == pytest.approx(at_y.min(), abs=1e-9)
+    assert screw(np.array([-ahead]), np.array([y]))[0] > at_y.min() + 1e-3
+
+
+def test_of_a_coin_the_rim_and_the_digit_stand_out() -> None:
+    rim, face, digit = coin(np.array([5.0, 3.0, -1.5]), np.array([0.0, 0.0, -1.5]))
+    assert (rim, face, digit) == (0, 0.15, 0)
+    assert coin(np.array([6.5]), np.array([0.0]))[0] == pytest.approx(0.15 + 1.0)  # a side of 45 degrees
+
+
+def test_of_a_key_the_cuts_are_six_depths_and_the_back_is_straight() -> None:
+    middles = -7.5 + 2.5 * (np.arange(6) + 0.5)
+    y = np.arange(-2, 3.5, STEP_MM)
+    edges = [y[np.flatnonzero(key(np.full_like(y, x), y) <= 1e-9)[-1]] for x in middles]
+    np.testing.assert_allclose(edges, 3.0 - np.array((0.6, 1.4, 0.9, 1.6, 0.7, 1.2)), atol=2 * STEP_MM)
+    x = np.linspace(-7, 7, 50)
+    assert np.ptp(key(x, np.full_like(x, -2.9))) == 0
+    assert key(np.array([0.0]), np.array([-1.2]))[0] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("name", fine_objects.OBJECTS)
+def test_their_maps_reach_beyond_what_can_touch(name: str) -> None:
+    indenter = fine_objects.indenter_of(name)
+    half_x, half_y = (half * 1e-3 for half in fine_objects.HALF_SIZE_MM[name])
+    assert indenter.height(0.0, half_y) > 0.9e-3
+    assert name == "screw" or indenter.height(half_x, 0.0) > 0.45e-3
+
+
+def test_what_cannot_be_measured_is_refused() -> None:
+    with pytest.raises(InputError, match="measures no field of forces"):
+        fine_objects.seen(find_board("ftouch"))
+    words = ["bench", "ifem", "--board", "gelslim", "--only", "objects"]
+    done = CliRunner().invoke(app, [*words, "--quick"])
+    assert (done.exit_code != 0, "no quick form" in str(done.exception)) == (True, True)
