@@ -91,7 +91,9 @@ def test_the_example_lifts_what_it_is_not_told(calibrations, monkeypatch):
     assert 1.0 < result.grip_n / result.least_n < 1.5
 
 
-@pytest.mark.parametrize("example", ["adaptive_grip", "pen_stroke", "egg_bottle_ball", "sort_by_hardness"])
+@pytest.mark.parametrize(
+    "example", ["adaptive_grip", "pen_stroke", "egg_bottle_ball", "hand_guidance", "sort_by_hardness"]
+)
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
