@@ -1,41 +1,70 @@
-"""What the examples share: their arguments, what they refuse, and a table with a row for each feedback."""
+"""What the examples share: their arguments, what they refuse, a film, and a table with a row for each feedback."""
 
 import argparse
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any, ClassVar, Protocol
 
 from ruffini.boards import find_board
 from ruffini.errors import InputError, RuffiniError
+from ruffini.robot.film import Film
+
+
+class Outcome:
+    """Of one attempt: it succeeds unless one of its failures is true."""
+
+    FAILURES: ClassVar[tuple[str, ...]]  # names of attributes
+
+    @property
+    def is_success(self) -> bool:
+        return not any(getattr(self, name) for name in self.FAILURES)
+
+
+class Run(Protocol):
+    """One attempt at a task under a feedback; `seed` is the noise's."""
+
+    def __call__(self, feedback: str, task: Any, board: str, seed: int, film: Film | None) -> Any: ...
 
 
 def compare(
     script: str, description: str | None, arguments: Sequence[str] | None, *, goal: str, feedbacks: Iterable[str],
-    row: Callable[[str, str, int], str], film: Callable[[str, str], None],
+    task: Callable[[int], Any], run: Run, measure: Callable[[list[Any]], str], film: Film | None = None,
+    film_seeds: Sequence[int] = (1,),
 ) -> None:  # fmt: skip
-    """The table of all feedbacks; with --film the film of one attempt.
+    """The table of all feedbacks; with --film the film of attempts by the first.
 
     Parameters
     ----------
     script : its name, in front of an error.
     goal : what counts as success.
-    row : of a feedback, on a board, over so many seeds.
-    film : on a board, to a file.
+    task : of a seed.
+    run : returns an `Outcome`.
+    measure : what the row of all outcomes ends with.
+    film : that takes the pictures, where another view than the gripper's is needed.
     """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--board", default="gelslim")
     parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--film", help="write an animated picture of one seed here, and no table")
+    parser.add_argument("--film", help="write an animated picture here, and no table")
     chosen = parser.parse_args(arguments)
     try:
         _check(chosen.board, chosen.seeds, chosen.film)
         if chosen.film is not None:
-            film(chosen.board, chosen.film)
+            pictures = film or Film()
+            for seed in film_seeds:
+                run(next(iter(feedbacks)), task(seed), chosen.board, seed, pictures)
+            pictures.write(chosen.film)
             return
         print(f"SIMULATED, {chosen.board}, {chosen.seeds} seeds: {goal}")
         for feedback in feedbacks:
-            print(f"{feedback:14s} {row(feedback, chosen.board, chosen.seeds)}", flush=True)
+            outcomes = [run(feedback, task(seed), chosen.board, seed, None) for seed in range(chosen.seeds)]
+            counted = {"success": "is_success"} | {
+                name.removeprefix("is_").replace("_", " "): name for name in outcomes[0].FAILURES
+            }
+            counts = [f"{said} {sum(getattr(one, name) for one in outcomes):2d}" for said, name in counted.items()]
+            print(f"{feedback:14s} {', '.join(counts)}; {measure(outcomes)}", flush=True)
     except RuffiniError as error:
         print(f"{script}: {error}", file=sys.stderr)
         sys.exit(error.exit_code)

@@ -4,13 +4,13 @@ python pen_stroke.py [--board BOARD] [--seeds N] [--film FILE.gif]
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from comparison import compare
+from comparison import Outcome, compare
 
 from ruffini.robot import World
 from ruffini.robot.core_sensor import NOISE_M
@@ -18,9 +18,8 @@ from ruffini.robot.film import Film
 
 SCENE = Path(__file__).with_suffix(".xml")
 TIP_M = 0.002
-GRIP_N, WANTED_N = 6.0, 0.5
+GRIP_N, WANTED_N, FELT_N = 6.0, 0.5, 0.2
 DRAWS_N, TEARS_N = 0.1, 1.2  # the pen leaves a line above the one, and tears the paper above the other
-FELT_N = 0.2
 AIR, FALL, SETTLE, STROKE, RAMP = 40, 120, 40, 150, 20  # frames; the fall ends when the paper is felt
 SPEED_M, FALL_M = 4e-4, 1.5e-4  # a frame
 GAIN, INTEGRAL = 2e-4, 1e-5  # metres a newton, and each frame as many more
@@ -67,15 +66,13 @@ class ByWrench:
         return self.tip_n
 
 
-FEEDBACK: dict[str, Callable] = {
-    "wrench": ByWrench,
-    "perfect force": lambda: lambda _, tip_n: tip_n,
-    "none": lambda: lambda _, __: WANTED_N,
-}
+FEEDBACK = {"wrench": ByWrench, "perfect force": lambda: lambda _, n: n, "none": lambda: lambda _, __: WANTED_N}
 
 
 @dataclass
-class Result:
+class Result(Outcome):
+    FAILURES = ("is_not_whole", "is_torn")
+
     most_n: float = 0.0  # the tip's largest true force, from the first touch
     tip_n: list[float] = field(default_factory=list)  # true, in each frame of the stroke
     down_m: float = 0.0  # at the end
@@ -85,12 +82,12 @@ class Result:
         return sum(force > DRAWS_N for force in self.tip_n) / STROKE
 
     @property
-    def is_torn(self) -> bool:
-        return self.most_n > TEARS_N
+    def is_not_whole(self) -> bool:
+        return self.drawn < WHOLE
 
     @property
-    def is_success(self) -> bool:
-        return self.drawn >= WHOLE and not self.is_torn
+    def is_torn(self) -> bool:
+        return self.most_n > TEARS_N
 
 
 @functools.cache
@@ -134,26 +131,18 @@ def run(feedback: str, paper: Paper, board: str, seed: int = 0, film: Film | Non
     return result
 
 
-def film(board: str, path: str) -> None:
-    """One attempt by the wrench."""
-    pictures = Film(VIEW_M, full_n=0.08)
-    run("wrench", Paper.of_seed(1), board, 1, film=pictures)
-    pictures.write(path)
-
-
-def row(feedback: str, board: str, n_seeds: int) -> str:
-    """How often it succeeds, and how even the force is."""
-    results = [run(feedback, Paper.of_seed(seed), board, seed) for seed in range(n_seeds)]
+def evenness(results: list[Result]) -> str:
+    """How far the force is from the wanted one."""
     wrong = np.median([np.sqrt(np.mean((np.array(r.tip_n or [0.0]) - WANTED_N) ** 2)) for r in results])
-    return (
-        f"success {sum(r.is_success for r in results):2d}, not whole {sum(r.drawn < WHOLE for r in results):2d}, "
-        f"torn {sum(r.is_torn for r in results):2d}; {wrong:.3f} N rms from the wanted {WANTED_N} N"
-    )
+    return f"{wrong:.3f} N rms from the wanted {WANTED_N} N"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     goal = f"{100 * WHOLE:.0f} % of the stroke drawn, paper not torn"
-    compare("pen_stroke", __doc__, arguments, goal=goal, feedbacks=FEEDBACK, row=row, film=film)
+    compare(
+        "pen_stroke", __doc__, arguments, goal=goal, feedbacks=FEEDBACK, task=Paper.of_seed, run=run, measure=evenness,
+        film=Film(VIEW_M, full_n=0.08),
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -52,6 +53,7 @@ class _Touching:
     hull: Hull | None
     friction: float
     reach_m: float
+    pad_share: float  # of the depth; the rest is the geom's
     before: Frame | None = None  # in the last step, in the pad's frame
 
 
@@ -65,6 +67,8 @@ class AttachedPad:
     Attributes
     ----------
     wrench : (6,) force (N) and moment (N m) ON the pad about its undeformed centre, in its frame.
+    moduli_pa : of soft geoms, by name. Under each node such a geom gives as a layer as thick as the pad does, in the
+        ratio of the moduli.
     deepest_m : how far the world is below the undeformed face at most.
     """
 
@@ -73,6 +77,7 @@ class AttachedPad:
     model: Any
     body: int
     place: Frame  # in the body
+    moduli_pa: Mapping[str, float] = field(default_factory=dict)
     contact: PadContact = field(init=False)
     wrench: Array = field(init=False, default_factory=lambda: np.zeros(6))
     deepest_m: float = field(init=False, default=0.0)
@@ -116,7 +121,9 @@ class AttachedPad:
             hull = Hull.of_mesh(model, model.geom_dataid[geom])
         reach = np.inf if kind == "plane" else float(model.geom_rbound[geom])
         friction = float(model.geom_friction[geom, 0])
-        return _Touching(geom, int(model.geom_bodyid[geom]), kind, size, hull, friction, reach)
+        modulus = self.moduli_pa.get(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom) or "", math.inf)
+        share = 1 / (1 + self.solid.unit.model.modulus_pa / modulus)
+        return _Touching(geom, int(model.geom_bodyid[geom]), kind, size, hull, friction, reach, share)
 
     @property
     def geoms(self) -> list[int]:
@@ -167,7 +174,9 @@ class AttachedPad:
                 self.wrench = np.zeros(6)
             self._last = depth
             return
-        depth = np.minimum(depth, self.solid.unit.model.thickness_m / 2)
+        share = np.array([other.pad_share for other, _, _ in near])[owner]
+        motion *= share[:, None]
+        depth = np.minimum(depth * share, self.solid.unit.model.thickness_m / 2)
         lead = np.zeros((n, 3))
         lead[:, :2] = motion
         follows = np.isfinite(self._last) & (depth > 0)

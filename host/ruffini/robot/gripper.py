@@ -14,17 +14,18 @@ STEP_S = 8e-4
 PAD_HEIGHT_M = 0.03  # of the pads' centres over the table
 OPENING_M = 0.004  # of each finger beside the object at the start
 FINGER_KG, WRIST_KG = 0.3, 0.5
-N_SIZES = {"box": 3, "cylinder": 2, "sphere": 1}
+N_SIZES = {"box": 3, "cylinder": 2, "ellipsoid": 3, "sphere": 1}
 
 
 @dataclass(frozen=True)
 class Thing:
-    """What is gripped: a block (half sizes), can (radius, half height) or ball (radius), metres."""
+    """What is gripped: a block or egg (half sizes), can (radius, half height) or ball (radius), metres."""
 
     kind: str = "cylinder"
     size_m: tuple[float, ...] = (0.02, 0.03)
     mass_kg: float = 0.15
     friction: float = 0.6
+    modulus_pa: float = math.inf
 
     def __post_init__(self) -> None:
         if self.kind not in N_SIZES:
@@ -88,7 +89,8 @@ class Gripper:
     ) -> None:  # fmt: skip
         self.thing = thing
         self.world = World(
-            gripper_mjcf(thing), {"left": board, "right": board}, noise_m=noise_m, seed=seed, **options
+            gripper_mjcf(thing), {"left": board, "right": board}, noise_m=noise_m, seed=seed,
+            moduli_pa={"thing": thing.modulus_pa}, **options,
         )  # fmt: skip
         self.grip_n = self.lift_m = 0.0
         self._body = self.world.data.body("thing")

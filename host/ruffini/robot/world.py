@@ -35,6 +35,7 @@ class World:
     stiffness : of the pads, over the board's.
     noise_m : standard deviation of the displacement along x, y, z.
     calibrations : of boards, by name; where left out, the default operator's.
+    moduli_pa : Young's modulus of geoms, by name, that are soft; others are rigid.
     is_feeling : False: no core runs, and frames are read elsewhere (`ruffini.robot.live`).
 
     Attributes
@@ -54,9 +55,12 @@ class World:
         self, model: Any, pads: Mapping[str, str | Board], *, stiffness: float = 1.0,
         noise_m: tuple[float, float, float] = NO_NOISE, seed: int = 0,
         calibrations: Mapping[str, bytes] | None = None, is_feeling: bool = True,
+        moduli_pa: Mapping[str, float] | None = None,
     ) -> None:  # fmt: skip
         _check_settings(pads, stiffness, noise_m)
         self.model = _model_of(model)
+        moduli = dict(moduli_pa or {})
+        _check_moduli(self.model, moduli)
         self.data = mujoco.MjData(self.model)
         solids: dict[str, PadSolid] = {}
         self.pads: dict[str, AttachedPad] = {}
@@ -66,7 +70,9 @@ class World:
             if board.name not in solids:
                 solids[board.name] = PadSolid.of_board(board, stiffness=stiffness)
             boards[name] = board
-            self.pads[name] = AttachedPad(name, solids[board.name], self.model, *_place_of(self.model, name))
+            self.pads[name] = AttachedPad(
+                name, solids[board.name], self.model, *_place_of(self.model, name), moduli
+            )  # fmt: skip
         rates = {board.camera.rate_mhz for board in boards.values()}
         if len(rates) != 1:
             raise InputError("the pads' cameras must have one rate: use boards of one kind")
@@ -148,6 +154,14 @@ def _check_settings(pads: Mapping[str, str | Board], stiffness: float, noise_m: 
         raise InputError(f"stiffness {stiffness}: give a number above zero, 1 for the board's own")
     if np.shape(noise_m) != (3,) or not all(0 <= one < np.inf for one in noise_m):
         raise InputError(f"noise_m {noise_m}: give three standard deviations in metres, along x, y, z, none below zero")
+
+
+def _check_moduli(model: Any, moduli_pa: Mapping[str, float]) -> None:
+    for name, modulus in moduli_pa.items():
+        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) < 0:
+            raise InputError(f"the model has no geom {name!r} to be soft: name it in its MJCF")
+        if not modulus > 0:
+            raise InputError(f"geom {name!r} with a modulus of {modulus} Pa: give a number above zero")
 
 
 def _model_of(model: Any) -> Any:

@@ -91,7 +91,9 @@ def test_the_example_lifts_what_it_is_not_told(calibrations, monkeypatch):
     assert 1.0 < result.grip_n / result.least_n < 1.5
 
 
-@pytest.mark.parametrize("example", ["adaptive_grip", "pen_stroke"])
+@pytest.mark.parametrize(
+    "example", ["adaptive_grip", "pen_stroke", "egg_bottle_ball", "hand_guidance", "sort_by_hardness"]
+)
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -118,7 +120,7 @@ def test_an_example_refuses_bad_arguments_with_one_sentence(example, arguments, 
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"kind": "pyramid"}, "choose one of box, cylinder, sphere"),
+        ({"kind": "pyramid"}, "choose one of box, cylinder, ellipsoid, sphere"),
         ({"kind": "box"}, "3 sizes above zero"),
         ({"size_m": (0.02, -0.03)}, "2 sizes above zero"),
         ({"mass_kg": 0.0}, "a mass above zero"),
