@@ -19,37 +19,38 @@ constexpr auto kReopenPause = std::chrono::milliseconds(10);  // short, so that 
 }  // namespace
 
 Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, DaemonDevices devices,
-               Calibrator& calibrator, Exchange& exchange, DeviceIdentity identity, const DaemonOptions& options)
+               Calibrator& calibrator, Exchange& exchange, DeviceIdentity identity, DaemonOptions options)
     : board_(board),
       path_(std::move(path)),
       devices_(std::move(devices)),
       exchange_(exchange),
       identity_(std::move(identity)),
-      options_(options),
+      options_(std::move(options)),
       reflex_(board.reflex),
       liveness_(devices_.io->watchdog_us()),
-      session_(board_, *path_, identity_, calibrator, exchange_, {devices_.clock, devices_.random, options.is_open}),
+      session_(board_, *path_, identity_, calibrator, exchange_, {devices_.clock, devices_.random, options_.is_open}),
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
-      pool_(kBuffers + (options.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px),
+      pool_(kBuffers + (options_.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px),
       last_output_us_(devices_.clock.now_us()),
       last_pending_us_(last_output_us_),
       board_health_us_(last_output_us_) {
   path_->set_live(!devices_.camera->is_replay());
-  if (options.save_rest && !devices_.camera->is_replay()) {
-    path_->expect_rest(options.previous_rest);
+  if (options_.save_rest && !devices_.camera->is_replay()) {
+    path_->expect_rest(options_.previous_rest);
     rest_to_save_.resize(path_->rest_image().size());
   } else {
     options_.save_rest = {};
   }
+  std::vector<uint16_t>().swap(options_.previous_rest);  // as large as two pictures
   if (!board.reflex.line.empty()) {
     exchange_.reflex = devices_.io->has_reflex() ? ReflexState::kOff : ReflexState::kFailed;
   }
   read_board_health();  // before the first frame, because rest is learned at a temperature
-  if (!options.network) return;
+  if (!options_.network) return;
   exchange_.network.is_asked = true;
-  network_ = std::make_unique<Inference>(options.network, pool_, kBuffers + Inference::kBuffers, exchange_.network,
-                                         options.is_lockstep, [this] { begin("inference"); });
+  network_ = std::make_unique<Inference>(options_.network, pool_, kBuffers + Inference::kBuffers, exchange_.network,
+                                         options_.is_lockstep, [this] { begin("inference"); });
 }
 
 void Daemon::run(const std::atomic<bool>& stop) {

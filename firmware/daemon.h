@@ -58,7 +58,7 @@ struct DaemonDevices {
 class Daemon {
  public:
   Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, DaemonDevices devices, Calibrator& calibrator,
-         Exchange& exchange, DeviceIdentity identity, const DaemonOptions& options);
+         Exchange& exchange, DeviceIdentity identity, DaemonOptions options);
 
   // Runs until the recording ends, `stop` is set, or max_frames were processed.
   void run(const std::atomic<bool>& stop);

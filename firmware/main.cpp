@@ -322,7 +322,7 @@ int run(const Arguments& arguments) {
                                 .link = std::make_unique<ruffini::SerialPort>(std::move(port).value()),
                                 .io = std::move(io)};
   ruffini::Daemon daemon(board.value(), std::move(path).value(), std::move(around), calibrator, exchange, identity,
-                         options);
+                         std::move(options));
   daemon.run(stop_requested);
   const std::string lost = daemon.problem();
   return lost.empty() || stop_requested ? 0 : fail({ruffini::ErrorKind::kUnavailable, lost});

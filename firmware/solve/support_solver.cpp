@@ -212,6 +212,11 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> b
   start(u, force, saturations);
   has_beyond_ = !beyond.empty();
   if (has_beyond_) add_to_b(beyond, saturations);
+  std::fill(force.begin(), force.end(), NodeForce{});
+  if (index_.empty()) {  // y = 0, so H y = 0
+    for (Watched& w : watched_) w.r = clamp_counted(w.b, watched_saturations_);
+    return;
+  }
   normal_.select(selected_, index_);
   modes_.assign(mask, index_);
   for (int i = 0; i < kRounds; ++i) {
@@ -220,7 +225,6 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> b
     if (i == 0) modes_.shrink(y_, weight_);
     round(i == 0, saturations);
   }
-  std::fill(force.begin(), force.end(), NodeForce{});
   for (size_t i = 0; i < index_.size(); ++i) {
     const auto value = saturate_raw<int32_t>(round_shift(y_[i] * scale_[index_[i]], kForceFraction), saturations);
     NodeForce& f = force[index_[i] / 3];

@@ -149,8 +149,8 @@ def compiler() -> str:
 
 def columns(counted: dict[str, Frames]) -> list[str]:
     """Heads of the document's table."""
-    return ["stage", *(f"{name}: {what}" for name in counted for what in ("untouched", "touched", "loads", "lines")),
-            "commit", "date"]  # fmt: skip
+    of_size = ("untouched", "touched", "share", "loads", "lines")
+    return ["stage", *(f"{name}: {what}" for name in counted for what in of_size), "commit", "date"]
 
 
 def document_rows(counted: dict[str, Frames]) -> list[str]:
@@ -165,10 +165,16 @@ def document_rows(counted: dict[str, Frames]) -> list[str]:
 
 
 def cells(untouched: list[Stretch], touched: list[Stretch]) -> str:
-    """Four cells: thousands of instructions of both frames, loads, and lines fetched into both caches."""
+    """Five cells: thousands of instructions of both frames, their ratio, loads, and lines fetched into both caches."""
     loads, l1, l2 = (sum(getattr(s, name) for s in touched) for name in ("loads", "l1_lines", "l2_lines"))
     before, after = (sum(s.instructions for s in some) for some in (untouched, touched))
-    return f"{before / 1e3:,.0f} | {after / 1e3:,.0f} | {loads / 1e3:,.0f} | {l1 / 1e3:.0f}; {l2 / 1e3:.0f}"
+    counts = f"{before / 1e3:,.0f} | {after / 1e3:,.0f} | {share(before, after)}"
+    return f"{counts} | {loads / 1e3:,.0f} | {l1 / 1e3:.0f}; {l2 / 1e3:.0f}"
+
+
+def share(untouched: int, touched: int) -> str:
+    """Of a touched frame's instructions that an untouched one takes."""
+    return f"{untouched / touched:.2f}"
 
 
 def traffic(folder: Path) -> tuple[int, int]:
@@ -213,14 +219,14 @@ def report(binary: Path, folder: Path, n_functions: int) -> Frames:
     frames = {frame: dict(zip(STAGES, counted[i * len(STAGES) :], strict=False)) for i, frame in enumerate(FRAMES)}
     print(f"{folder.name}: thousands a frame, aarch64 instructions; loads, stores and lines of the touched frame")
     columns = (*FRAMES, "loads", "stores", "L1 lines", "L2 lines")
-    print(f"  {'':14}" + "".join(f"{name:>10}" for name in columns))
+    print(f"  {'':14}" + "".join(f"{name:>10}" for name in columns) + f"{'untouched / touched':>21}")
     sums = [0] * len(columns)
     for stage, touched in frames["touched"].items():
         row = [frames[frame][stage].instructions for frame in FRAMES]
         row += [touched.loads, touched.stores, touched.l1_lines, touched.l2_lines]
         sums = [a + b for a, b in zip(sums, row, strict=True)]
-        print(f"  {stage:14}" + "".join(f"{n / 1e3:10.1f}" for n in row))
-    print(f"  {'sum':14}" + "".join(f"{n / 1e3:10.1f}" for n in sums))
+        print(f"  {stage:14}" + "".join(f"{n / 1e3:10.1f}" for n in row) + f"{share(row[0], row[1]):>21}")
+    print(f"  {'sum':14}" + "".join(f"{n / 1e3:10.1f}" for n in sums) + f"{share(sums[0], sums[1]):>21}")
     if n_functions:
         print_functions(frames["touched"], n_functions)
     counts = {stage: stretch.instructions for stage, stretch in frames["touched"].items()}

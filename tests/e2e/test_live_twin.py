@@ -28,7 +28,7 @@ from ruffini.record import Recording
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.scenario import Scenario
-from ruffini.sim.serve import Resting, Scripted, Steered, TwinServer
+from ruffini.sim.serve import Resting, Scripted, States, Steered, TwinServer
 from ruffini.sim.settings import load_twin
 
 MM = 1e-3
@@ -58,26 +58,43 @@ def flags(sensor: Connection, message: object) -> set[str]:
     return set(sensor.schema.enum_names("FlagBit", message.stamp.flags))
 
 
+class Felt(Steered):
+    """Knows what the ball did to the pad in each frame."""
+
+    def __init__(self, twin: Twin) -> None:
+        super().__init__(twin.unit, Indenter("sphere", 3 * MM))
+        self.forces_n: list[float] = []  # along z, by frame
+
+    def states(self, frame: int) -> States | None:
+        found = super().states(frame)
+        self.forces_n.append(float(self.wrench[2]))
+        return found
+
+
 def test_a_controller_closes_the_loop(twin: Twin, tmp_path: Path) -> None:
-    """Push until the sensor says 1 N; the truth then agrees within a quarter, and the ball is not at its limit."""
-    steered = Steered(twin.unit, Indenter("sphere", 3 * MM))
-    with TwinServer(twin.unit.renderer(), steered, Scenario(), tmp_path / "twin"), connected(twin, tmp_path) as sensor:
-        depth, pressed, patience = 0.0, None, Patience()
-        for count, (is_simulated, message) in enumerate(wrenches(sensor)):
+    """Push until the sensor says 1 N; the truth agrees within a quarter, and the ball is not at its limit.
+
+    In lockstep a message has its camera frame's number: of frames that were under way when the ball moved, the
+    controller waits for the last.
+    """
+    ball, depth_mm, moved_at, patience = Felt(twin), 0.0, 0, Patience()
+    with (
+        TwinServer(twin.unit.renderer(), ball, Scenario(), tmp_path / "twin"),
+        connected(twin, tmp_path, "--lockstep") as sensor,
+    ):
+        for is_simulated, message in wrenches(sensor):
             assert is_simulated
-            if flags(sensor, message) - {"FLAG_REST_UNVERIFIED"}:  # of a new store's first start
+            assert not patience.is_over(), "the force never came"
+            # FLAG_REST_UNVERIFIED: of a new store's first start.
+            if message.stamp.frame <= moved_at or flags(sensor, message) - {"FLAG_REST_UNVERIFIED"}:
                 continue
             if message.force_z_un < -1_000_000:
-                pressed = -message.force_z_un * 1e-6
-                # While a frame is made the ball's force is on its way.
-                until(lambda said=pressed: said == pytest.approx(-steered.wrench[2], rel=0.25), "the truth")  # type: ignore[misc]
                 break
-            if count % 5 == 0:
-                depth = min(depth + 0.04, 1.2)
-                steered.move_to(Pose(MM, 0.5 * MM, depth * MM))
-            assert not patience.is_over(), "the force never came"
-    assert pressed is not None
-    assert depth < 1.2
+            assert depth_mm < 1.2
+            depth_mm += 0.04
+            ball.move_to(Pose(MM, 0.5 * MM, depth_mm * MM))
+            moved_at = len(ball.forces_n)
+    assert message.force_z_un * 1e-6 == pytest.approx(ball.forces_n[message.stamp.frame], rel=0.25)
 
 
 def test_faults_are_flagged_in_the_frames_that_have_them(twin: Twin, tmp_path: Path) -> None:

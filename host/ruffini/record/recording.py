@@ -106,8 +106,8 @@ class Recording:
         try:
             schema = Schema(data)
             # A flipped bit in a name leaves a readable schema with a wrong name.
-            if not schema.has_field("Hello", "device_serial"):
-                raise InputError("HELLO has no device_serial")
+            if "HELLO" not in schema.type_numbers or not schema.has_field("Hello", "device_serial"):
+                raise InputError("it has no HELLO with a device_serial")
             return schema
         except InputError as error:
             self._problem(f"a damaged schema was skipped: {error}")

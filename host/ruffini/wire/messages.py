@@ -47,7 +47,8 @@ class Schema:
 
     def has_field(self, message: str, field: str) -> bool:
         """Whether messages of this schema have it; older ones may not."""
-        return field in self._classes[f"ruffini.{message}"].DESCRIPTOR.fields_by_name
+        known = self._classes.get(f"ruffini.{message}")
+        return known is not None and field in known.DESCRIPTOR.fields_by_name
 
     def type_name(self, number: int) -> str | None:
         """WRENCH for 4, None for a type that this schema does not know."""

@@ -20,8 +20,8 @@ def counts(markers):
 
 def test_a_row_has_both_sizes_and_the_last_one_sums_all_stages():
     *shown, frame = document_rows(counts(1_500_000))
-    assert shown == ["| markers | 100 | 100 | 2 | 3; 1 | 100 | 1,500 | 4 | 5; 3 |"]
-    assert frame == "| **frame** | 1,100 | 1,100 | 22 | 33; 11 | 1,100 | 2,500 | 24 | 35; 13 |"
+    assert shown == ["| markers | 100 | 100 | 1.00 | 2 | 3; 1 | 100 | 1,500 | 0.07 | 4 | 5; 3 |"]
+    assert frame == "| **frame** | 1,100 | 1,100 | 1.00 | 22 | 33; 11 | 1,100 | 2,500 | 0.44 | 24 | 35; 13 |"
 
 
 def test_a_stage_that_takes_little_has_no_row():
