@@ -23,6 +23,7 @@ WITHOUT_TABLES = {
     "ftouch": {"change", "targets", "features"},
     "gelsight-mini": MARKERS | {"displacement"},
     "gelslim": MARKERS | {"displacement"},
+    "gelslim-dense": MARKERS | {"displacement"},
     "stereo-fingertip": MARKERS,
     "stereo-fingertip-thick": MARKERS,
 }

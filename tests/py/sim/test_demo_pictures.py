@@ -18,6 +18,7 @@ from ruffini.sim.settings import twin_names
 N_FRAMES, PRESSED = 4, 2
 SHOWN: dict[str, list[str]] = {name: [] for name in twin_names()} | {  # by what the board's stages write
     "gelslim": ["field", "depth"],
+    "gelslim-dense": ["field", "depth"],
     "gelsight-mini": ["field"],
     "ftouch": ["depth"],
     "contact-glitter": ["contacts", "depth"],
