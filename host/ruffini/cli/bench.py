@@ -38,11 +38,11 @@ def ifem(
     if truth not in ("linear", "finite"):
         raise InputError(f"unknown truth {truth!r}: linear or finite")
     if only is not None:
-        if only not in PARTS:
-            raise InputError(f"unknown part {only!r}: {' or '.join(PARTS)}")
+        if only not in IFEM_PARTS:
+            raise InputError(f"unknown part {only!r}: {' or '.join(IFEM_PARTS)}")
         if truth != "linear":
             raise InputError(f"--only {only} is measured on a linear pad: leave --truth out")
-        PARTS[only](board, out, json_, quick=quick)
+        IFEM_PARTS[only](board, out, json_, quick=quick)
         return
     from ruffini.bench import ifem as benchmark
     from ruffini.boards import find_board
@@ -98,7 +98,7 @@ def _objects(board: str, out: Path | None, json_: bool, *, quick: bool) -> None:
     emit(result, json_, text)
 
 
-PARTS = {"resolution": _resolution, "objects": _objects}
+IFEM_PARTS = {"resolution": _resolution, "objects": _objects}
 
 
 def slip(
