@@ -26,8 +26,9 @@ def sheet(path: Path, board: Board, objects: dict[str, list[Seen]]) -> Path:
     figure, axes = plt.subplots(5, len(objects), figsize=(3.3 * len(objects), 12.2), squeeze=False)
     for column, (name, touch) in enumerate(objects.items()):
         _draw(axes[:, column], board, name, touch[-1], _scales(touch))
-    figure.suptitle(f"{board.name}, SIMULATED: object, its pressure, nodal forces", fontsize=11)
-    figure.tight_layout(rect=(0, 0, 1, 0.985))
+    errors = "(off by: relative error, along the pad and normal)"
+    figure.suptitle(f"{board.name}, SIMULATED: object, its pressure, nodal forces\n{errors}", fontsize=11)
+    figure.tight_layout(rect=(0, 0, 1, 0.99))
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=90)
     plt.close(figure)
@@ -67,6 +68,16 @@ def _scales(touch: list[Seen]) -> tuple[float, float, float]:
     return pressure, normal, max(float(np.linalg.norm(m.true[..., :2], axis=-1).max()) for m in touch)
 
 
+def _said(method: str, force: Array, true: Array) -> str:
+    """Name, normal force, and the relative errors of the nodal forces."""
+    if force is true:
+        return f"true nodal force, {-force[..., 2].sum():.2f} N"
+    along, across = (
+        np.linalg.norm((force - true)[..., part]) / np.linalg.norm(true[..., part]) for part in (slice(2), slice(2, 3))
+    )
+    return f"{WORDS[method]}, {-force[..., 2].sum():.2f} N: off by {along:.2f}, {across:.2f}"
+
+
 def _draw(axes: Any, board: Board, name: str, seen: Seen, scales: tuple[float, float, float]) -> None:
     """Object (unless its axis is None), pressure, truth, and each method."""
     pressure, normal_n, shear_n = scales
@@ -95,6 +106,6 @@ def _draw(axes: Any, board: Board, name: str, seen: Seen, scales: tuple[float, f
             x[is_long], y[is_long], force[is_long, 0], force[is_long, 1], color="white", angles="xy",
             scale=shear_n / (4 * half[0]), scale_units="xy", width=0.003,
         )  # fmt: skip
-        axis.set_title(f"nodal force, {WORDS.get(method, method)}: {-force[..., 2].sum():.2f} N", fontsize=9)
+        axis.set_title(_said(method, force, seen.true), fontsize=9)
     for axis in axes[0 if axes[0] is not None else 1 :]:
         axis.set(xticks=[], yticks=[], xlim=extent[:2], ylim=extent[2:])
