@@ -219,7 +219,9 @@ def shared_module_names(root: Path) -> list[str]:
     found = []
     for path in sorted(_sources(root, "tests/", "host/examples/")):
         name = path.relative_to(root).as_posix()
-        if path.suffix != ".py" or path.name == "conftest.py" or (path.parent / "__init__.py").exists():
+        if path.suffix != ".py" or path.match("test_*.py") or path.name == "conftest.py":
+            continue
+        if (path.parent / "__init__.py").exists():
             continue
         other = first.setdefault(path.stem, name)
         if path.stem in sys.stdlib_module_names:

@@ -47,7 +47,7 @@ PRODUCTS = 4
 SOLVER_STEPS = 9  # SupportSolver: kRounds (kSteps + 1)
 # Bytes of a pixel through camera memory, copy, difference (rest and its reciprocal, change, grey) and photometric.
 PIXEL_BYTES = 3 + 3 + 3 + (6 + 6 + 6 + 2) + 6
-# In the order of the frame path of run.py's boards; light is what follows the light, uncertainty the error model.
+# In the order of benchmarks.py's frame path; light is what follows the light, uncertainty the error model.
 STAGES = (
     "difference", "markers", "light", "photometric", "poisson", "displacement",
     "operator", "support", "wrench", "contacts", "uncertainty",

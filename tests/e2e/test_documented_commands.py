@@ -85,11 +85,11 @@ def test_a_script_takes_what_a_text_gives_it(words: tuple[str, ...], monkeypatch
 
 
 def test_a_script_has_its_own_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another folder's module of the same name may be loaded: two have a run.py."""
-    other = ModuleType("run")
-    monkeypatch.setitem(sys.modules, "run", other)
+    """Another program's module of the same name may be loaded."""
+    other = ModuleType("benchmarks")
+    monkeypatch.setitem(sys.modules, "benchmarks", other)
     parses(("tests/bench/against_opencv.py", "--board", "ftouch"), monkeypatch)
-    assert sys.modules["run"] is other
+    assert sys.modules["benchmarks"] is other
 
 
 def parses(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:

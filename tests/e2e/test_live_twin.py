@@ -94,6 +94,8 @@ def test_a_controller_closes_the_loop(twin: Twin, tmp_path: Path) -> None:
             depth_mm += 0.04
             ball.move_to(Pose(MM, 0.5 * MM, depth_mm * MM))
             moved_at = len(ball.forces_n)
+        else:
+            pytest.fail("the stream ended before the force came")
     assert message.force_z_un * 1e-6 == pytest.approx(ball.forces_n[message.stamp.frame], rel=0.25)
 
 

@@ -70,7 +70,7 @@ def wrenches(host: Connection, n: int) -> list[Wrench]:
 
 
 @pytest.mark.parametrize("width_px", RESIDENT_MIB)
-def test_gelslim_fits_the_smallest_board_and_measures_within_a_second(width_px: int, tmp_path: Path) -> None:
+def test_gelslim_fits_the_smallest_board_and_measures_once_rest_is_learned(width_px: int, tmp_path: Path) -> None:
     """Resident memory with everything subscribed; frames before the first force of a pad without a stored rest."""
     board = gelslim(width_px, tmp_path)
     n_rest = board.pipeline.n_rest_frames

@@ -141,12 +141,17 @@ def test_a_schema_spoilt_in_the_summary_is_passed_over(
     assert frames_of(path, good)[0] == good.keys()
 
 
-def test_a_schema_of_other_names_is_passed_over(run: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "flipped"),
+    [(b"device_serial", b"devicf_serial"), (b"HELLO", b"HELMO"), (b"Hello", b"Helmo")],
+)
+def test_a_schema_of_other_names_is_passed_over(run: Path, name: bytes, flipped: bytes) -> None:
     recording = Recording(run)
     data = (native_folder() / "ruffini.desc").read_bytes()
     assert recording._schema_of(data) is not None
-    assert recording._schema_of(data.replace(b"device_serial", b"devicf_serial")) is None
-    assert "HELLO has no device_serial" in recording.problems[-1]
+    assert name in data
+    assert recording._schema_of(data.replace(name, flipped)) is None
+    assert "a damaged schema was skipped: it has no HELLO with a device_serial" in recording.problems[-1]
 
 
 def test_recover_writes_a_whole_file(run: Path, good: dict[int, dict[str, bytes]], tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -29,7 +29,7 @@ class Run(Protocol):
 
 
 def compare(
-    script: str, description: str | None, arguments: Sequence[str] | None, *, goal: str, feedbacks: Iterable[str],
+    script: str, description: str | None, arguments: Sequence[str] | None, *, goal: str, feedbacks: Collection[str],
     task: Callable[[int], Any], run: Run, measure: Callable[[list[Any]], str], film: Film | None = None,
     film_seeds: Sequence[int] = (1,),
 ) -> None:  # fmt: skip
@@ -42,7 +42,8 @@ def compare(
     task : of a seed.
     run : returns an `Outcome`.
     measure : what the row of all outcomes ends with.
-    film : that takes the pictures, where another view than the gripper's is needed.
+    film : takes the pictures, where the usual view of a gripper does not fit.
+    film_seeds : of the tasks that are filmed, one after the other.
     """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--board", default="gelslim")
@@ -52,7 +53,7 @@ def compare(
     try:
         _check(chosen.board, chosen.seeds, chosen.film)
         if chosen.film is not None:
-            pictures = film or Film()
+            pictures = Film() if film is None else film
             for seed in film_seeds:
                 run(next(iter(feedbacks)), task(seed), chosen.board, seed, pictures)
             pictures.write(chosen.film)

@@ -20,7 +20,7 @@ APPROACH_N = 0.2  # a faster finger hits the thing
 CLOSE, LIFT, HOLD, TROUBLE = 40, 80, 20, 80  # frames
 G = 9.81
 SHAKE_M, SHAKE_HZ = 0.005, 3.0
-MUCH_SLIP = 0.4  # the edge of what is round slips always
+MUCH_SLIP = 0.4  # round things always slip at the rim of their contact
 FEEDBACK = FEEDBACK | {"friction": lambda: ByFriction(MUCH_SLIP)}
 KINDS = ("egg", "bottle", "ball")
 SIZE_M = {"egg": (0.024, 0.024, 0.033), "bottle": (0.025, 0.045), "ball": (0.03,)}
@@ -29,7 +29,7 @@ SHAPE = {"egg": "ellipsoid", "bottle": "cylinder", "ball": "sphere"}
 
 @dataclass(frozen=True)
 class Task:
-    """What nobody tells the gripper: the thing, the most that troubles it (N, or 0), and what breaks it."""
+    """Unknown to the gripper: the thing, the largest force (N) on a bottle or ball, and the force that breaks it."""
 
     name: str
     thing: Thing

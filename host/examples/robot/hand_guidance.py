@@ -29,7 +29,7 @@ NEAR_M, STAYS_M, TIRES_N = 4e-3, 1e-3, 8.0
 
 @dataclass(frozen=True)
 class Person:
-    """What nobody tells the arm: where each finger moves the link, along x and z, and how strongly it pushes."""
+    """Unknown to the arm: where each finger moves the link, along x and z, and how strongly it pushes."""
 
     way_m: dict[str, np.ndarray]
     push_n: dict[str, float]

@@ -2,8 +2,7 @@
 
 python sort_by_hardness.py [--board BOARD] [--seeds N] [--film FILE.gif]
 
-Pad and thing share the travel of the fingers by their moduli, whatever the thing's shape: the pads' depth over the
-travel is the hardness.
+Simulated softness is a layer as thick as the pad: moduli alone share the travel. Of real things, shape does too.
 """
 
 import functools
@@ -22,7 +21,7 @@ from ruffini.robot.film import Film
 APPROACH_N, PRESS_N, BLIND_N = 0.2, 1.2, 2.0
 CLOSE, SQUEEZE, OPEN, LIFT, HOLD = 40, 50, 20, 80, 40  # frames
 Press = tuple[float, float, float]  # force of a pad (N), travel of a finger and depth of a pad (m)
-MUCH_SLIP = 0.4  # the edge of what is round slips always
+MUCH_SLIP = 0.4  # round things always slip at the rim of their contact
 FROM_N = 0.3  # below it a press is not judged
 ENCODER_M = 1e-5  # step of the fingers' encoders
 SOFT_PA, HARD_PA, BOUND_PA = (4e4, 2.5e5), (5e5, 4e6), 3.5e5
@@ -37,7 +36,7 @@ def bruises_n(modulus_pa: float) -> float:
 
 @dataclass(frozen=True)
 class Task:
-    """What nobody tells the gripper."""
+    """Unknown to the gripper."""
 
     thing: Thing
     bruises_n: float
@@ -71,12 +70,12 @@ def taught(board: str) -> tuple[list[float], list[float]]:
     moduli, stiff = [float(modulus) for modulus in np.geomspace(SOFT_PA[0], HARD_PA[1], 6)], []
     for modulus in moduli:
         with Gripper(board, Thing("sphere", (0.024,), 0.08, 0.7, modulus), is_feeling=False) as gripper:
-            stiff.append(stiffness(squeeze(gripper)))
+            stiff.append(stiffness(squeeze(gripper)[0]))
     return stiff, moduli
 
 
 def by_stiffness(board: str, presses: list[Press]) -> float:
-    """A perfect force sensor cannot part hard from broad."""
+    """A force sensor, even a perfect one, cannot distinguish hard from wide."""
     stiff, moduli = taught(board)
     return float(np.exp(np.interp(np.log(stiffness(presses)), np.log(stiff), np.log(moduli))))
 
@@ -98,27 +97,28 @@ class Result(Outcome):
     modulus_off: float  # judged over true
 
 
-def squeeze(gripper: Gripper, film: Film | None = None) -> list[Press]:
-    """Close, and press harder; without frames the force is the true one, and there is no depth."""
-    presses = []
+def squeeze(gripper: Gripper, film: Film | None = None) -> tuple[list[Press], float]:
+    """Close, and press harder; and the largest true force. Without frames the force is true, and there is no depth."""
+    presses, most = [], 0.0
     for i in range(CLOSE + SQUEEZE):
         gripper.grip_n = APPROACH_N + (PRESS_N - APPROACH_N) * max(i - CLOSE, 0) / SQUEEZE
         frames = gripper.step()
+        most = max(most, *(float(-force[2]) for force in gripper.true_force.values()))
         travel = ENCODER_M * round(float(gripper.world.data.joint("left").qpos[0]) / ENCODER_M)
         force = [-frame.wrench.force[2] for frame in frames.values()] or [-f[2] for f in gripper.true_force.values()]
         depth = [-contact.peak_depth for frame in frames.values() for contact in frame.contacts.contacts[:1]]
-        presses.append((float(np.mean(force)), travel, sum(depth) / 2))
+        presses.append((float(np.mean(force)), travel, float(np.mean(depth or 0))))
         if film is not None and i % 6 == 0:
             film.take(gripper, frames, f"squeezes with {gripper.grip_n:.2f} N")
-    return presses
+    return presses, most
 
 
 def run(feedback: str, task: Task, board: str, seed: int = 0, film: Film | None = None) -> Result:
     """One attempt."""
-    (judge, make_control), most = FEEDBACK[feedback], 0.0
-    control = make_control()
+    judge, control = FEEDBACK[feedback][0], FEEDBACK[feedback][1]()
     with Gripper(board, task.thing, noise_m=NOISE_M, seed=seed, is_feeling=feedback == "stream") as gripper:
-        modulus = judge(board, squeeze(gripper, film))
+        presses, most = squeeze(gripper, film)
+        modulus = judge(board, presses)
         is_soft, limit = modulus < BOUND_PA, GENTLE * bruises_n(modulus)
         said = f"{modulus / 1e3:.0f} kPa: " + (f"soft, at most {limit:.2f} N" if is_soft else "hard, is left")
         for i in range(LIFT + HOLD):

@@ -1,8 +1,8 @@
 """A screw, a coin and a key on the pad: forces of objects that people know, beside iFEM without a prior. SIMULATED.
 
-Truth is the twin's pad, linear, with surface nodes NODE_MM apart or a little less, and rigid objects on it, pressed
-until they carry FORCE_N and then turned by TURN. The board observes as in `ruffini.bench.resolution`, with the same
-noise; judged is what its integers make of that. Relative L2 errors as in `bench ifem`.
+Truth is the twin's pad, linear, with surface nodes at most NODE_MM apart, and rigid objects on it, pressed in steps
+until they carry at least FORCE_N and then turned by TURN. The board observes as in `ruffini.bench.resolution`, with
+the same noise; judged is the field that its integers compute. Relative L2 errors as in `bench ifem`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ruffini.bench.disturbance import WHITE_UM
 from ruffini.bench.ifem import Scores
-from ruffini.bench.resolution import Observer, node_step_m, refusal
+from ruffini.bench.resolution import Observer, no_flat_field, node_step_m
 from ruffini.bench.states import Recipe, State, on_board
 from ruffini.boards import Board
 from ruffini.errors import InputError
@@ -39,6 +39,7 @@ FORCE_N = 4.0
 STEP_MM = 0.12  # of the way down
 MOST_STEPS = 16
 TURN, N_TURNS = 0.35, 5  # rad, and into how many steps it is divided
+LEAST_PAD_MM = (17.0, 13.0)
 PLACE_MM = (0.3, -0.2)  # of the object's middle on the pad
 METHODS = ("default", "raw")
 
@@ -112,10 +113,10 @@ class Moment:
 
 
 def fine_unit(board: Board, progress: Progress = lambda _: None) -> TwinUnit:
-    """The pad with a finer mesh than the twin's usual one (a minute, once)."""
+    """The pad with a mesh of at least NODE_MM, or the twin's own if that is finer (a minute, once)."""
     twin = load_twin(board).with_pad(strain="linear", is_relaxing=False)
     cells = [ceil(um * 1e-3 / (2 * NODE_MM)) for um in (board.pad.size_x_um, board.pad.size_y_um)]
-    mesh = MeshSettings(cells_x=cells[0], cells_y=cells[1])
+    mesh = MeshSettings(cells_x=max(cells[0], twin.mesh.cells_x), cells_y=max(cells[1], twin.mesh.cells_y))
     return TwinUnit.build(board, twin=twin.model_copy(update={"mesh": mesh}), progress=progress)
 
 
@@ -128,6 +129,11 @@ def moments(unit: TwinUnit, name: str) -> Iterator[Moment]:
         yield _moment(unit, solver, name, pose)
         if -solver.nodal_force[:, 2].sum() >= FORCE_N:
             break
+    else:
+        raise InputError(
+            f"the {name} carries less than {FORCE_N:g} N {MOST_STEPS * STEP_MM:.1f} mm deep: the pad of board "
+            f"{unit.board.name!r} is too soft for it"
+        )
     for turn in range(1, N_TURNS + 1):
         yield _moment(unit, solver, name, Pose(x, y, pose.depth_m, TURN * turn / N_TURNS))
 
@@ -158,8 +164,13 @@ def seen(board: Board, progress: Progress = lambda _: None) -> dict[str, list[Se
     InputError
         The board measures no field of forces, or has no flat twin.
     """
-    if refused := refusal(board):
+    if refused := no_flat_field(board):
         raise InputError(refused)
+    if board.pad.size_x_um * 1e-3 < LEAST_PAD_MM[0] or board.pad.size_y_um * 1e-3 < LEAST_PAD_MM[1]:
+        raise InputError(
+            f"board {board.name!r} has a pad of {board.pad.size_x_um * 1e-3:g} x {board.pad.size_y_um * 1e-3:g} mm: "
+            f"the objects need {LEAST_PAD_MM[0]:g} x {LEAST_PAD_MM[1]:g} mm"
+        )
     unit = fine_unit(board, lambda done: progress(0.4 * done))
     observer = Observer(board, lambda done: progress(0.4 + 0.2 * done))
     out: dict[str, list[Seen]] = {}

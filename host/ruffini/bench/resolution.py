@@ -267,8 +267,8 @@ class Nodes:
         return np.outer(along, values) if axis == 0 else np.outer(values, along)
 
 
-def refusal(board: Board) -> str:
-    """Why the resolution of this board cannot be measured, in one sentence; empty if it can.
+def no_flat_field(board: Board) -> str:
+    """Why the board computes no field of forces of a flat pad, in one sentence; empty if it does.
 
     Raises
     ------
@@ -277,14 +277,27 @@ def refusal(board: Board) -> str:
     """
     if not board.writes("node_forces"):
         return f"board {board.name!r} measures no field of forces: no stage of it writes node_forces"
+    if (kind := load_twin(board).shape.kind) != "plane":
+        return f"board {board.name!r} is a {kind}: this is measured on flat pads"
+    return ""
+
+
+def refusal(board: Board) -> str:
+    """Why the resolution of this board cannot be measured, in one sentence; empty if it can.
+
+    Raises
+    ------
+    InputError
+        The board has no twin.
+    """
+    if refused := no_flat_field(board):
+        return refused
     coarsest_mm, most_mm = 1e3 * max(node_step_m(board)), 2 * FINER * LINE_WIDTH_MM  # else a line may miss all rows
     if coarsest_mm > most_mm:
         return (
             f"board {board.name!r} has nodes {coarsest_mm:.1f} mm apart: lines {LINE_WIDTH_MM} mm wide need at most "
             f"{most_mm:.1f} mm"
         )
-    if (kind := load_twin(board).shape.kind) != "plane":
-        return f"board {board.name!r} is a {kind}: the resolution is that of flat pads"
     return ""
 
 

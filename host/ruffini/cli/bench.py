@@ -83,6 +83,8 @@ def _objects(board: str, out: Path | None, json_: bool, *, quick: bool) -> None:
 
     if quick:
         raise InputError("--only objects has no quick form: leave --quick out")
+    if out is not None and out.suffix != ".png":
+        raise InputError(f"--out {out}: give a .png")
     found = find_board(board)
     with progress_bar("objects") as progress:
         objects = fine_objects.seen(found, progress)

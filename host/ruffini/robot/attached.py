@@ -168,15 +168,16 @@ class AttachedPad:
                 motion[touched] = (now - was)[:, :2]
             other.before = seen
         self.deepest_m = float(depth.max(initial=-np.inf))
+        if near:
+            share = np.array([other.pad_share for other, _, _ in near])[owner]
+            depth, motion = depth * share, motion * share[:, None]
         if self.deepest_m <= 0:
             if self.wrench.any():
                 self.contact.release()
                 self.wrench = np.zeros(6)
             self._last = depth
             return
-        share = np.array([other.pad_share for other, _, _ in near])[owner]
-        motion *= share[:, None]
-        depth = np.minimum(depth * share, self.solid.unit.model.thickness_m / 2)
+        depth = np.minimum(depth, self.solid.unit.model.thickness_m / 2)
         lead = np.zeros((n, 3))
         lead[:, :2] = motion
         follows = np.isfinite(self._last) & (depth > 0)

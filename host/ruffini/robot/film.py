@@ -103,7 +103,7 @@ def _draw_scene(axes: Any, world: Any) -> None:
             continue
         name, turn = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom), data.geom_xmat[geom].reshape(3, 3)
         points = surface_points(model, geom)
-        shapes.append((points @ turn.T + data.geom_xpos[geom], COLORS.get(name or "", "#4a6fa5")))
+        shapes.append((points @ turn.T + data.geom_xpos[geom], COLORS.get((name or "").split("_")[0], "#4a6fa5")))
     for pad in world.pads.values():
         place, thick = pad.frame(data), pad.solid.unit.model.thickness_m
         box = CORNERS * [*pad.solid.half_size_m, thick / 2] - [0, 0, thick / 2]

@@ -1,9 +1,14 @@
-"""A screw, a coin and a key on the pad: shapes that are what their names say, and what the board makes of them."""
+"""A screw, a coin and a key on the pad: their shapes, and the errors and pictures of what the board makes of them."""
 
 from __future__ import annotations
 
+import json
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from ruffini.bench import fine_objects
@@ -12,6 +17,7 @@ from ruffini.boards import find_board
 from ruffini.cli.app import app
 from ruffini.errors import InputError
 
+ROOT = Path(__file__).parents[3]
 STEP_MM = 0.01
 
 
@@ -47,6 +53,29 @@ def test_of_a_key_the_cuts_are_six_depths_and_the_back_is_straight() -> None:
     assert key(np.array([0.0]), np.array([-1.2]))[0] == pytest.approx(0.5)
 
 
+def test_the_verb_prints_the_errors_and_draws_each_object(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a coarse pad, in few steps: what the board makes of a coarse truth is near to it."""
+    folder = tmp_path / "gelslim"
+    shutil.copytree(ROOT / "boards" / "gelslim", folder)
+    board = (folder / "board.toml").read_text()
+    (folder / "board.toml").write_text(board.replace("n_x = 31\nn_y = 25\n", "n_x = 16\nn_y = 13\n"))
+    (folder / "twin.toml").write_text((folder / "twin.toml").read_text() + "[mesh]\ncells_x = 12\ncells_y = 10\n")
+    for name, value in {"NODE_MM": 1.0, "STEP_MM": 0.5, "FORCE_N": 1.0, "N_TURNS": 1}.items():
+        monkeypatch.setattr(fine_objects, name, value)
+    words = ["bench", "ifem", "--board", str(folder), "--only", "objects", "--out", str(tmp_path / "o.png"), "--json"]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert done.exit_code == 0
+    result = json.loads(done.stdout)
+    assert [Path(path).name for path in result["pictures"]] == ["o.png", "o-screw.webp", "o-coin.webp", "o-key.webp"]
+    for name, methods in result["objects"].items():
+        assert 0 < methods["default"]["normal"] < 0.4, name
+        assert methods["default"]["resultant_n"] < 0.3, name  # of 1 N and more
+        with Image.open(tmp_path / f"o-{name}.webp") as animation:
+            assert animation.n_frames >= 2  # the last one is held
+    text = fine_objects.table(result)
+    assert all(part in text for part in ("screw, default", "key, raw", "SIMULATED"))
+
+
 @pytest.mark.parametrize("name", fine_objects.OBJECTS)
 def test_their_maps_reach_beyond_what_can_touch(name: str) -> None:
     indenter = fine_objects.indenter_of(name)
@@ -59,5 +88,7 @@ def test_what_cannot_be_measured_is_refused() -> None:
     with pytest.raises(InputError, match="measures no field of forces"):
         fine_objects.seen(find_board("ftouch"))
     words = ["bench", "ifem", "--board", "gelslim", "--only", "objects"]
-    done = CliRunner().invoke(app, [*words, "--quick"])
-    assert (done.exit_code != 0, "no quick form" in str(done.exception)) == (True, True)
+    for more, said in ((["--quick"], "no quick form"), (["--out", "o.jpg"], "give a .png")):
+        done = CliRunner().invoke(app, [*words, *more])
+        assert done.exit_code != 0
+        assert said in str(done.exception)

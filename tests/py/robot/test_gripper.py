@@ -76,6 +76,21 @@ def test_a_film_draws_each_shape_at_its_size():
     assert len(surface_points(model, 5)) == 4
 
 
+def test_an_example_draws_on_the_film_that_it_gave(tmp_path):
+    """An empty film is false."""
+    given, taken = Film(full_n=0.3), []
+
+    def run(feedback, task, board, seed, film):
+        taken.append((feedback, task, film is given))
+
+    with pytest.raises(SystemExit):  # nothing was drawn
+        importlib.import_module("comparison").compare(
+            "x", None, ["--film", str(tmp_path / "a.gif")], goal="", feedbacks=("ours", "none"), run=run, measure=str,
+            task=lambda seed: -seed, film=given, film_seeds=(3, 4),
+        )  # fmt: skip
+    assert taken == [("ours", -3, True), ("ours", -4, True)]
+
+
 def test_an_empty_film_is_refused(tmp_path):
     with pytest.raises(InputError, match="has no picture"):
         Film().write(tmp_path / "film.gif")

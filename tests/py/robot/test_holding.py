@@ -117,5 +117,5 @@ def test_force_over_travel_takes_a_broad_soft_thing_for_the_harder(monkeypatch):
     stiffness = []
     for thing in (Thing("cylinder", (0.028, 0.03), modulus_pa=2.5e5), Thing("sphere", (0.018,), modulus_pa=5e5)):
         with Gripper(BOARD, thing, is_feeling=False) as gripper:
-            stiffness.append(sort_by_hardness.stiffness(sort_by_hardness.squeeze(gripper)))
+            stiffness.append(sort_by_hardness.stiffness(sort_by_hardness.squeeze(gripper)[0]))
     assert stiffness[0] > 1.1 * stiffness[1]
