@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from adaptive_grip import DROPPED_M, HEIGHT_M, ByFriction, by_perfect_force
 from comparison import Outcome, compare
+from egg_bottle_ball import APPROACH_N, MUCH_SLIP
 
 from ruffini.boards import find_board
 from ruffini.robot import Gripper, Thing
 from ruffini.robot.core_sensor import NOISE_M
 from ruffini.robot.film import Film
 
-APPROACH_N, PRESS_N, BLIND_N = 0.2, 1.2, 2.0
+PRESS_N, BLIND_N = 1.2, 2.0
 CLOSE, SQUEEZE, OPEN, LIFT, HOLD = 40, 50, 20, 80, 40  # frames
 Press = tuple[float, float, float]  # force of a pad (N), travel of a finger and depth of a pad (m)
-MUCH_SLIP = 0.4  # round things always slip at the rim of their contact
 FROM_N = 0.3  # below it a press is not judged
 ENCODER_M = 1e-5  # step of the fingers' encoders
 SOFT_PA, HARD_PA, BOUND_PA = (4e4, 2.5e5), (5e5, 4e6), 3.5e5
