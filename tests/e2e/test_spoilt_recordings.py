@@ -154,6 +154,19 @@ def test_a_schema_of_other_names_is_passed_over(run: Path, name: bytes, flipped:
     assert "a damaged schema was skipped: it has no HELLO with a device_serial" in recording.problems[-1]
 
 
+def test_without_a_schema_that_names_hello_a_recording_is_refused(run: Path, tmp_path: Path) -> None:
+    """The first chunk, which has the schema, is gone; the summary has it again, without a checksum."""
+    starts, data = chunks(run), run.read_bytes()
+    cut = data[: starts[0]] + bytes(starts[1] - starts[0]) + data[starts[1] :]
+    path = tmp_path / "flipped.mcap"
+    path.write_bytes(cut)
+    assert Recording(path).hello.device_serial == "0001"
+    assert b"HELLO" in cut
+    path.write_bytes(cut.replace(b"HELLO", b"HELMO"))
+    with pytest.raises(InputError, match="is not a recording of a sensor"):
+        Recording(path)
+
+
 def test_recover_writes_a_whole_file(run: Path, good: dict[int, dict[str, bytes]], tmp_path: Path) -> None:
     starts = chunks(run)
     path = spoilt(run, tmp_path, starts[2] - 5, bytes(starts[3] - starts[2]))

@@ -148,21 +148,27 @@ def _moment(unit: TwinUnit, solver: ContactSolver, name: str, pose: Pose) -> Mom
 
 
 @dataclass(frozen=True)
-class Seen:
-    """A moment, and the nodal forces (n_y, n_x, 3) in newtons that each method makes of it, of the observed nodes."""
+class Measured:
+    """A moment, and the forces of the observed nodes (n_y, n_x, 3) in newtons: true, and by each method."""
 
     moment: Moment
     true: Array
     found: dict[str, Array]
 
+    def errors(self, board: Board, method: str) -> dict[str, float]:
+        """`Scores` of one method."""
+        scores, step_m = Scores(), node_step_m(board)
+        scores.add(replace(self.moment.state, force=self.true), self.found[method], (1e3 * step_m[0], 1e3 * step_m[1]))
+        return scores.means()
 
-def seen(board: Board, progress: Progress = lambda _: None) -> dict[str, list[Seen]]:
+
+def measure(board: Board, progress: Progress = lambda _: None) -> dict[str, list[Measured]]:
     """All moments of each object with the board's estimate and iFEM raw.
 
     Raises
     ------
     InputError
-        The board measures no field of forces, or has no flat twin.
+        The board measures no field of forces, has no flat twin, or its pad is too small or too soft.
     """
     if refused := no_flat_field(board):
         raise InputError(refused)
@@ -173,7 +179,7 @@ def seen(board: Board, progress: Progress = lambda _: None) -> dict[str, list[Se
         )
     unit = fine_unit(board, lambda done: progress(0.4 * done))
     observer = Observer(board, lambda done: progress(0.4 + 0.2 * done))
-    out: dict[str, list[Seen]] = {}
+    out: dict[str, list[Measured]] = {}
     try:
         estimates = observer.vectors()
         for number, name in enumerate(OBJECTS):
@@ -181,25 +187,16 @@ def seen(board: Board, progress: Progress = lambda _: None) -> dict[str, list[Se
             for count, moment in enumerate(moments(unit, name)):
                 u = observer.see(moment.state, np.random.default_rng((SEED, number, count)))
                 found = {method: estimates[method](u) for method in METHODS}
-                out[name].append(Seen(moment, moment.state.force[board.observed], found))
+                out[name].append(Measured(moment, moment.state.force[board.observed], found))
             progress(0.6 + 0.4 * (number + 1) / len(OBJECTS))
     finally:
         observer.close()
     return out
 
 
-def result_of(board: Board, objects: dict[str, list[Seen]]) -> dict[str, Any]:
+def result_of(board: Board, objects: dict[str, list[Measured]]) -> dict[str, Any]:
     """Errors of the last moment of each object and method."""
-    step_mm = (1e3 * node_step_m(board)[0], 1e3 * node_step_m(board)[1])
-    errors: dict[str, dict[str, dict[str, float]]] = {}
-    for name, touch in objects.items():
-        last = touch[-1]
-        errors[name] = {}
-        truth = replace(last.moment.state, force=last.true)
-        for method, force in last.found.items():
-            scores = Scores()
-            scores.add(truth, force, step_mm)
-            errors[name][method] = scores.means()
+    errors = {name: {method: touch[-1].errors(board, method) for method in METHODS} for name, touch in objects.items()}
     return {"board": board.name, "simulated": True, "noise_um": WHITE_UM, "objects": errors}
 
 

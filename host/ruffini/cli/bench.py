@@ -87,14 +87,14 @@ def _objects(board: str, out: Path | None, json_: bool, *, quick: bool) -> None:
         raise InputError(f"--out {out}: give a .png")
     found = find_board(board)
     with progress_bar("objects") as progress:
-        objects = fine_objects.seen(found, progress)
+        objects = fine_objects.measure(found, progress)
     result = fine_objects.result_of(found, objects)
     text = fine_objects.table(result)
     if out is not None:
         from ruffini.bench.fine_objects_picture import animation, sheet
 
         made = [sheet(out, found, objects)]
-        made += [animation(out.with_name(f"{out.stem}-{n}.webp"), found, n, seen) for n, seen in objects.items()]
+        made += [animation(out.with_name(f"{out.stem}-{n}.webp"), found, n, touch) for n, touch in objects.items()]
         result["pictures"] = [str(path) for path in made]
         text += "\n" + "\n".join(result["pictures"])
     emit(result, json_, text)

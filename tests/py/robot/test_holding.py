@@ -49,6 +49,25 @@ def test_a_thing_as_soft_as_the_pad_takes_half_of_the_depth_and_of_the_shear():
     np.testing.assert_allclose(half_moved, moved / 2, atol=0.02 * np.abs(moved).max())
 
 
+def test_a_soft_thing_is_met_as_gently_as_it_gives():
+    """Also in the step of the first touch, where the pad damps the approach: all is linear in the depth."""
+    forces = []
+    for moduli in ({}, {"ball": PAD_PA / 4}):
+        with World(
+            lying(BALL, above_m=0.021, friction=5.0), {"pad": BOARD}, is_feeling=False, moduli_pa=moduli
+        ) as world:
+            world.start()
+            forces.append([])
+            for above_m in np.linspace(0.0203, 0.0197, 25):
+                world.data.qpos[:] = (0.0, 0.0, above_m, 1.0, 0.0, 0.0, 0.0)
+                world.data.qvel[:] = 0.0
+                world.advance()
+                forces[-1].append(world.pads["pad"].wrench[2])
+    rigid, soft = np.array(forces)
+    assert rigid[0] == 0 > rigid[-1]
+    np.testing.assert_allclose(soft, rigid / 5, atol=0.02 * np.abs(rigid).max() / 5)
+
+
 @pytest.mark.parametrize("modulus", [0.0, -1.0, float("nan")])
 def test_a_modulus_that_cannot_be(modulus):
     with pytest.raises(InputError, match="give a number above zero"):
@@ -107,6 +126,18 @@ def test_soft_ones_are_picked_and_hard_ones_left_whatever_their_shape(monkeypatc
     assert (result.modulus_off * modulus > sort_by_hardness.BOUND_PA) == is_left
     if not is_left:
         assert result.modulus_off == pytest.approx(1, abs=0.3)
+
+
+def test_what_the_squeeze_bruises_is_bruised(monkeypatch):
+    import sort_by_hardness
+
+    for name, frames in {"CLOSE": 25, "SQUEEZE": 15, "LIFT": 2, "HOLD": 1}.items():
+        monkeypatch.setattr(sort_by_hardness, name, frames)
+    task = sort_by_hardness.Task(Thing("cylinder", (0.028, 0.03), 0.08, 0.7, 1.5e6), 5.0)
+    assert not sort_by_hardness.run("stream", task, BOARD).is_bruised
+    squeeze = sort_by_hardness.squeeze
+    monkeypatch.setattr(sort_by_hardness, "squeeze", lambda gripper, film: (squeeze(gripper, film)[0], 5.1))
+    assert sort_by_hardness.run("stream", task, BOARD).is_bruised
 
 
 def test_force_over_travel_takes_a_broad_soft_thing_for_the_harder(monkeypatch):
