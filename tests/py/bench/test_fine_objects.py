@@ -112,7 +112,7 @@ def test_the_truth_is_never_coarser_than_the_boards_twin(
     assert [(mesh.cells_x, mesh.cells_y) for mesh in asked] == [cells]
 
 
-def test_noise_alone_is_hardly_a_force_to_the_board_and_everywhere_to_plain_inverse_fem(coarse: Board) -> None:
+def test_of_noise_alone_plain_inverse_fem_makes_forces_everywhere_and_the_board_does_not(coarse: Board) -> None:
     """Which of the two is which."""
     observer = Observer(coarse)
     try:
@@ -122,7 +122,7 @@ def test_noise_alone_is_hardly_a_force_to_the_board_and_everywhere_to_plain_inve
     finally:
         observer.close()
     is_force = {name: (force != 0).any(axis=2).mean() for name, force in found.items()}
-    assert is_force["default"] < 0.1
+    assert 0 < is_force["default"] < 0.5
     assert is_force["raw"] == 1
     assert all(np.array_equal(found[name][..., 2], normal[name]) for name in METHODS)
 
