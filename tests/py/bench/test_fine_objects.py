@@ -164,9 +164,10 @@ def test_their_maps_reach_beyond_what_can_touch(name: str) -> None:
 def test_what_cannot_be_measured_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="measures no field of forces"):
         fine_objects.measure(find_board("ftouch"))
-    monkeypatch.setattr(fine_objects, "LEAST_PAD_MM", (17.0, 16.5))
-    with pytest.raises(InputError, match=r"has a pad of 20 x 16 mm: the objects need 17 x 16\.5 mm"):
-        fine_objects.measure(find_board("gelslim"))
+    for least_mm, said in (((17.0, 16.5), r"17 x 16\.5"), ((20.5, 13.0), r"20\.5 x 13")):
+        monkeypatch.setattr(fine_objects, "LEAST_PAD_MM", least_mm)
+        with pytest.raises(InputError, match=f"has a pad of 20 x 16 mm: the objects need {said} mm"):
+            fine_objects.measure(find_board("gelslim"))
     words = ["bench", "ifem", "--board", "gelslim", "--only", "objects"]
     for more, said in ((["--quick"], "no quick form"), (["--out", "o.jpg"], "give a .png")):
         done = CliRunner().invoke(app, [*words, *more])

@@ -58,7 +58,7 @@ def test_a_soft_thing_is_met_as_gently_as_it_gives():
         ) as world:
             world.start()
             forces.append([])
-            for above_m in np.linspace(0.0203, 0.0197, 25):
+            for above_m in np.linspace(0.02031, 0.01971, 25):
                 world.data.qpos[:] = (0.0, 0.0, above_m, 1.0, 0.0, 0.0, 0.0)
                 world.data.qvel[:] = 0.0
                 world.advance()
