@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import math
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +27,7 @@ from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.optics.conditions import Conditions
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.serve import Steered, TwinServer
-from ruffini.wire import Schema
+from ruffini.wire import Frame, Schema
 
 MM = 1e-3
 NUMBER = Schema.own().type_numbers
@@ -96,26 +95,32 @@ def test_a_press_leaves_little_and_a_fault_stands_out_where_it_is(twin: Twin) ->
     assert min(seen["torn"][0], seen["torn, pressed"][0]) > LEAST_FAULT
 
 
+FREE = 1 << 60  # frames
+
+
 class Sliding(Steered):
     """A held press on a pad of which a patch slides when it is told to.
 
-    Free-running at first; after the first `allow_one` it waits, and makes one frame for each further call.
+    Free-running at first; after the first `allow_one` it waits, and makes one frame for each further call, which comes
+    once all results of the frame before have been read.
     """
 
     def __init__(self, twin: Twin) -> None:
         super().__init__(twin.unit, Indenter("sphere", 3 * MM))
         self._twin, self.has_slid = twin, False
-        self._changed, self._requested, self._allowed = threading.Condition(), 0, math.inf
+        self._changed, self._requested = threading.Condition(), 0
+        self._allowed = FREE
 
-    def allow_one(self) -> None:
-        """The frame that the camera waits for, and then no other."""
+    def allow_one(self) -> int:
+        """One more frame after those that were allowed, and then no other; its number."""
         with self._changed:
-            self._allowed = self._requested
+            self._allowed = min(self._allowed, self._requested) + 1
             self._changed.notify_all()
+            return self._allowed
 
     def run_free(self) -> None:
         with self._changed:
-            self._allowed = math.inf
+            self._allowed = FREE
             self._changed.notify_all()
 
     def states(self, frame: int) -> tuple[Array, Array, None]:
@@ -151,14 +156,30 @@ def sliding(twin: Twin, folder: Path, *options: str) -> Iterator[tuple[str, Slid
 
 
 def paced(connection: Connection, pad: Sliding) -> None:
-    """From now on the camera's next frame comes once this connection has read all before it: nothing is replaced."""
-    turn = connection.on_turn
+    """From the next turn of a stream on, each frame is made once WRENCH and RESIDUAL, which comes every second time, of
+    those before were read: no message is replaced by a newer one, however slow this computer is.
+    """
+    turn, keep = connection.on_turn, connection.messages.append
+    allowed = wrench_at = residual_at = 0
 
-    def allow_and_turn(is_open: bool) -> None:
-        pad.allow_one()
+    def begin(is_open: bool) -> None:
+        nonlocal allowed
+        connection.on_turn = turn
+        allowed = pad.allow_one()
         turn(is_open)
 
-    connection.on_turn = allow_and_turn
+    def keep_and_allow(frame: Frame, message: Any) -> None:
+        nonlocal allowed, wrench_at, residual_at
+        keep(frame, message)
+        if frame.type == NUMBER["RESIDUAL"]:
+            residual_at = message.stamp.frame
+        elif frame.type == NUMBER["WRENCH"]:
+            wrench_at = message.stamp.frame
+        if wrench_at == allowed and (not residual_at or residual_at >= allowed - 1):
+            allowed = pad.allow_one()
+
+    connection.on_turn = begin
+    connection.messages.append = keep_and_allow  # type: ignore[method-assign]
 
 
 def test_it_comes_to_who_asks_and_is_recorded_and_exported(tmp_path: Path, twin: Twin) -> None:
@@ -166,7 +187,7 @@ def test_it_comes_to_who_asks_and_is_recorded_and_exported(tmp_path: Path, twin:
         with ruffini.connect(port) as sensor:
             for _, frame in zip(range(8), sensor.frames(), strict=False):
                 assert frame.residual is None, "nobody asked"
-        pad.allow_one()  # no frame waits for a host that is slow to connect: of such frames, messages may be lost
+        pad.allow_one()  # the camera waits until the next host has subscribed
         with ruffini.connect(port, residual=2) as sensor:
             paced(sensor._connection, pad)
             asked = itertools.dropwhile(lambda frame: frame.residual is None, sensor.frames())
