@@ -44,6 +44,7 @@ from ruffini.sim.unit import TwinUnit
 Array = npt.NDArray[np.float64]
 
 BENCH = "loads.toml"
+JUDGED = ("paper", "whole", "off_centre")  # its sets of part "judge"
 TO_NMM = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
 N_BALLS, QUICK_BALLS, BALL_SEED = 40, 15, 11
 WRONG_SIGMAS, WRONG_PART = 5.0, 0.05  # an error beyond both without a flag must not be
@@ -84,6 +85,8 @@ def figures(result: dict[str, Any]) -> dict[str, Figure]:
     printed: dict[str, float] = result["published"]
     out: dict[str, Figure] = {}
     for name, s in result["sets"].items():
+        if name not in JUDGED:
+            continue
         for i, axis in enumerate(AXES):
             if s["ours"][i] is not None:
                 out[f"{name}, {axis}"] = Figure(s["ours"][i], s["paper"][i], printed.get(axis))
