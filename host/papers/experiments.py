@@ -62,7 +62,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     try:
         module = importlib.import_module(f"papers.{method}.experiment")
     except ModuleNotFoundError as error:
-        if error.name != f"papers.{method}.experiment":
+        if error.name not in (f"papers.{method}", f"papers.{method}.experiment"):
             raise
         raise InputError(
             f"the experiment of board {board.name!r} is not written: its paper's method is judged by "
