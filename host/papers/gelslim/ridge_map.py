@@ -29,6 +29,7 @@ import numpy.typing as npt
 import scipy.linalg as la
 
 from papers.drawing import METHOD, OURS, PAPER, plots, save
+from ruffini.bench.disturbance import Disturbance
 from ruffini.bench.markers import LostMarkers
 from ruffini.bench.states import JUDGED, LIGHT_N, State, make_states
 from ruffini.boards import Board, find_board
@@ -48,6 +49,8 @@ POISSON = (0.45, 0.48, 0.49, 0.499)
 STIFFER = (0.9, 1.1, 1.3)  # the true modulus over the model's
 PITCHES_MM = (1.0, 2.0, 3.0)
 LOST = (0.0, 0.1, 0.3)
+CORRELATED_UM = ((1.25, 1.25, 5.0), (5.0, 5.0, 20.0))
+SHOWN = tuple(i for i, weight in enumerate(WEIGHTS) if 1e-7 < weight < 0.5)  # of the weights, in the map
 DEPTH_MM = 0.6
 HELPS = 0.05  # of the error, from which on the ridge is said to help
 SEED = 31
@@ -186,6 +189,14 @@ def sweep(board: Board) -> Iterator[Cell]:
         for element, pad in pads.items():
             varied = {"varied": f"true modulus {factor:g} times the model's", "element": element}
             yield judged(pad, states[usual], white(states[usual], middle), {**named, **varied}, factor)
+    for correlated_um in CORRELATED_UM:
+        noise, rng = Disturbance(correlated_um=correlated_um), np.random.default_rng(SEED)
+        seen = np.stack(
+            [(s.displacement + noise.draw(s.displacement.shape, rng)).ravel() for s in states[usual]], axis=1
+        )
+        for element, pad in pads.items():
+            varied = {"varied": "correlated noise", "element": element, "noise_um": correlated_um[2]}
+            yield judged(pad, states[usual], seen, {**named, **varied})
     for what, markers, lost in _markers(board):
         seen_by = board.model_copy(update={"markers": markers})
         there = touched(seen_by)
@@ -234,11 +245,16 @@ def verdict(cells: list[Cell]) -> list[str]:
     right = [c for c in cells if c not in soft]
     most, of_soft = max(right, key=lambda c: c.gain), max(soft, key=lambda c: c.gain)
     least_noise = min(float((c.noise / c.noise[0]).min()) for c in right if c.noise_um > 0)
+    parts = [
+        max(1 - float(v.min() / v[0]) for v in (getattr(c, what) for c in right)) for what in ("tangential", "normal")
+    ]
     return [
         f"With its best weight the ridge lowers the error by {100 * HELPS:.0f} % or more in "
         f"{sum(c.gain >= HELPS for c in right)} of {len(right)} cells with the right modulus, most by "
         f"{100 * most.gain:.1f} % ({most.varied}, {most.element}, {most.mesh[0]} x {most.mesh[1]} nodes, "
-        f"{most.layers} layers, noise {most.noise_um:g} um); raw is best in {sum(c.best == 0 for c in right)}.",
+        f"{most.layers} layers, noise {most.noise_um:g} um); raw is best in {sum(c.best == 0 for c in right)}. "
+        f"Tangential and normal error alone, each with its own best weight, fall by at most {100 * parts[0]:.1f} and "
+        f"{100 * parts[1]:.1f} %.",
         f"Force noise at the best weight for it is at least {least_noise:.3f} of raw's.",
         f"With a model that is too soft it lowers the error by up to {100 * of_soft.gain:.1f} % ({of_soft.varied}, "
         f"{of_soft.element}).",
@@ -247,21 +263,22 @@ def verdict(cells: list[Cell]) -> list[str]:
 
 
 def draw(cells: list[Cell], path: Path) -> Path:
-    """The map, and why: error by weight, split into what noise makes and what the weight itself does."""
+    """Error over raw's by weight, of every mesh and noise; below, why, and the same of what else was varied."""
     swept = [c for c in cells if c.varied == "mesh"]
-    figure, axes = plots().subplots(2, 2, figsize=(13, 10))
-    rows = [(mesh, layers) for mesh in MESHES for layers in LAYERS]
+    figure, axes = plots().subplots(2, 2, figsize=(14, 17), height_ratios=(2.6, 1))
     for panel, element in zip(axes[0], ELEMENTS, strict=True):
-        by_pad = {(c.pad, c.noise_um): 100 * c.gain for c in swept}
-        gain = np.array([[by_pad[(element, *row), n[2]] for n in NOISES_UM] for row in rows])
-        shown = panel.imshow(gain, cmap="viridis", vmin=0, vmax=max(10.0, gain.max()), aspect="auto")
-        panel.set_xticks(range(len(NOISES_UM)), [f"{n[2]:g}" for n in NOISES_UM])
-        panel.set_yticks(range(len(rows)), [f"{m[0]} x {m[1]}, {k} layers" for m, k in rows])
-        panel.set_xlabel("noise along z, um (x and y: a quarter)")
-        panel.set_title(f"{element}: error lower than raw's by, %")
-        for (y, x), value in np.ndenumerate(gain):
-            panel.text(x, y, f"{value:.1f}", ha="center", va="center", color="white" if value < 5 else "black")
-        figure.colorbar(shown, ax=panel)
+        rows = [c for c in swept if c.element == element]
+        ratio = np.array([[c.error[i] / c.error[0] for i in SHOWN] for c in rows])
+        shown = panel.imshow(np.log2(ratio), cmap="RdBu_r", vmin=-2, vmax=2, aspect="auto")
+        panel.set_xticks(range(len(SHOWN)), [f"{WEIGHTS[i]:.0e}" for i in SHOWN])
+        labels = [f"{c.mesh[0]} x {c.mesh[1]}, {c.layers} layers, {c.noise_um:g} um: {c.error[0]:.2f}" for c in rows]
+        panel.set_yticks(range(len(rows)), labels, fontsize=7)
+        panel.set_title(
+            f"{element}: error over raw's (blue: the ridge helps)\nnodes, layers, noise along z: raw's error"
+        )
+        for (y, x), value in np.ndenumerate(ratio):
+            panel.text(x, y, f"{value:.3g}", ha="center", va="center", fontsize=7)
+        figure.colorbar(shown, ax=panel, label="log2")
     x = np.array([WEIGHTS[1] / 10, *WEIGHTS[1:]])
     usual = next(c for c in swept if c.pad == ("B-bar", MESHES[-1], LAYERS[-1]) and c.noise_um == NOISES_UM[2][2])
     curves = {
@@ -273,13 +290,15 @@ def draw(cells: list[Cell], path: Path) -> Path:
         axes[1, 0].loglog(x, values, "o-", color=colour, label=what)
     axes[1, 0].set_title("why: B-bar, 31 x 25, 6 layers, 20 um")
     for c in (c for c in cells if c.varied != "mesh" and c.element == "B-bar"):
-        name = f"{c.varied} {c.poisson:g}" if c.varied.startswith("Poisson") else c.varied
+        number = {"Poisson's ratio": f" {c.poisson:g}", "correlated noise": f" {c.noise_um:g} um"}.get(c.varied, "")
+        name = c.varied + number
         axes[1, 1].loglog(x, c.error / c.error[0], label=name)
     axes[1, 1].axhline(1, color="black", linewidth=0.5)
     axes[1, 1].set_ylim(0.7, 5)
     axes[1, 1].set_title("error over raw's: B-bar, 31 x 25, 6 layers, 20 um")
+    for panel in axes.flat:
+        panel.set_xlabel("weight, of K22's largest eigenvalue squared")
     for panel in axes[1]:
-        panel.set_xlabel("weight, of K22's largest eigenvalue squared (left end: raw)")
         panel.legend(fontsize=7)
     path.parent.mkdir(parents=True, exist_ok=True)
     return save(figure, path, "Ridge (iFEM 2.0) against raw")
