@@ -11,12 +11,15 @@ import threading
 import time
 from collections.abc import Callable
 
+from ruffini.patience import PATIENCE
 from ruffini.wake_event import WakeEvent
 
 POLL_S = 0.05  # real, of those who sleep where no frame comes
 FIRST_S = 0.05  # real: so long a host is waited for that has not subscribed yet
 PATIENCE_S = 2.0  # real: and so long one that reads
-GRACE_S = 5.0  # real: longer without a frame, and time goes on without; a busy computer may take seconds for one
+GRACE_S = (
+    5.0 * PATIENCE
+)  # real: longer without a frame, and time goes on without; a busy computer takes seconds for one
 
 
 class FrameClock:
@@ -71,6 +74,12 @@ class FrameClock:
             self._made_s = self._real()
         self._changed.set()
         return made
+
+    def without_frames(self) -> None:
+        """The camera has gone or stands still: until the next frame time runs at its real pace."""
+        with self._lock:
+            self._made_s = min(self._made_s, self._real() - self._grace_s)
+        self._changed.set()
 
     def stop(self) -> None:
         """Nobody reads any more: no frame waits from now on."""

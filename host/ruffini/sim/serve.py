@@ -148,6 +148,7 @@ class TwinServer(FrameServer):
         self.n_sent = 0
         self.after_sending: Callable[[int], None] = lambda _: None  # told the frame that the camera just got
         self.next_frame: Callable[[], int] | None = None  # in lockstep: the number of the next one, once it is wanted
+        self.after_camera: Callable[[], None] = lambda: None  # told that the camera went, or got its last frame
 
     def picture(self, frame: int) -> npt.NDArray[np.uint8] | None:
         """Frame `frame` as the frame path would get it; None = the end."""
@@ -174,6 +175,12 @@ class TwinServer(FrameServer):
         return self._scenario.picture(self._renderer, frame, *states, is_unlit=is_unlit).tobytes()
 
     def _stream(self, camera: socket.socket, *, is_paced: bool) -> None:
+        try:
+            self._stream_frames(camera, is_paced=is_paced)
+        finally:
+            self.after_camera()
+
+    def _stream_frames(self, camera: socket.socket, *, is_paced: bool) -> None:
         frame = 0
         while not self._stop.is_set():
             if is_paced:

@@ -92,6 +92,18 @@ def test_without_frames_time_goes_on_as_real_time_does_and_numbers_are_left_out(
     assert clock.now() >= before_s
 
 
+def test_who_knows_that_no_frame_comes_lets_time_go_on_at_once_and_once():
+    clock, event = a_clock()
+    frames(clock, 4)
+    clock.without_frames()
+    event.real_s += 3 * PERIOD_S
+    clock.without_frames()
+    assert clock.now() == pytest.approx(7 * PERIOD_S)
+    assert frames(clock, 1) == [8]
+    event.real_s += GRACE_S
+    assert clock.now() == pytest.approx(8 * PERIOD_S)
+
+
 def test_a_frame_waits_until_the_one_before_was_read_but_not_for_ever():
     clock, event = a_clock()
 
