@@ -1,9 +1,9 @@
 """Frames a second of a gripper with two pads, beside the physics alone. SIMULATED.
 
-python tests/bench/robot.py [--board BOARD] [--frames N]
+python tests/bench/robot.py [--board BOARD] [--frames N] [--calibration out/run/calibration.safetensors]
 
 Fast mode: processor time of one core, and environments side by side by the clock. Full mode: pictures, two daemons and
-two clients by the clock, and the processor time that all of it takes.
+two clients by the clock, and the processor time that all of it takes; without --calibration depth is not measured.
 """
 
 from __future__ import annotations
@@ -74,16 +74,18 @@ def processor_s(pids: list[int]) -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
-def full(board: str, n: int) -> tuple[float, float, float]:
+def full(board: str, n: int, calibration: Path | None) -> tuple[float, float, float]:
     """Frames a second that the slower client got; processor seconds a frame of both pads; the camera's rate."""
     with Gripper(board, Thing(), is_feeling=False) as gripper, Live(gripper.world) as live:
+        of_board = gripper.world.pads["left"].solid.unit.board
+        data = calibration.read_bytes() if calibration else default_calibration(of_board)
         for port in live.ports.values():
             with Connection(port) as host:
-                host.flash(default_calibration(gripper.world.pads["left"].solid.unit.board))
+                host.flash(data)
         with ruffini.connect(live.ports["left"]) as left, ruffini.connect(live.ports["right"]) as right:
             streams = [sensor.frames() for sensor in (left, right)]
-            data = gripper.world.data
-            data.actuator("left").ctrl[0] = data.actuator("right").ctrl[0] = GRIP_N
+            motors = gripper.world.data.actuator
+            motors("left").ctrl[0] = motors("right").ctrl[0] = GRIP_N
             for stream in streams:
                 stream.get(FIRST_S)
             for _ in range(SETTLE):
@@ -108,6 +110,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--board", default="gelslim")
     parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--calibration", type=Path, default=None)
     chosen = parser.parse_args()
     rates, n_steps = fast(chosen.board, chosen.frames)
     print(f"SIMULATED, two pads of {chosen.board}, {n_steps} steps of physics a frame, one core's processor time")
@@ -119,7 +122,7 @@ def main() -> None:
         print(
             f"{n_envs} environments          {rate:7.0f} frames/s, {rate * n_steps:8.0f} physics steps/s by the clock"
         )
-    rate, cpu_s, wanted = full(chosen.board, chosen.frames)
+    rate, cpu_s, wanted = full(chosen.board, chosen.frames, chosen.calibration)
     print(f"pictures and daemons     {rate:7.1f} frames/s by the clock, of {wanted:g}; {1e3 * cpu_s:.0f} ms of "
           f"processor time a frame, {cpu_s * wanted:.2f} cores")  # fmt: skip
 
