@@ -142,7 +142,8 @@ def build_twin_bench(
     server = TwinServer(unit.renderer(), twin, Scenario(seed=seed), camera)
     server.after_sending = twin.tell
     if clock:
-        server.next_frame, server.after_camera = clock.next_frame, clock.without_frames
+        server.next_frame = clock.next_frame
+        server.after_drawing, server.after_camera = clock.has_drawn, clock.without_frames
     cell = EmulatedNetworkCell(rate_hz, seed, mount)
     twin.listeners.append(cell.measure)
     return TwinBench(twin, server, cell)
