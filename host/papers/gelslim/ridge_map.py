@@ -12,7 +12,7 @@ Why it does not help: with K22 = V diag(k) V^T, raw is F1 = S U1, S = K11 - K12 
 The second term is positive semidefinite and grows with w, so that no eigenvalue of S_w is below that of S: white noise
 of one size in all components gives a force noise of sigma |S_w|, which is never below sigma |S|. Noise reaches F1 by
 K11, which the ridge leaves alone, less what the layers below take up, which it lowers. The ridge makes the pad stiffer:
-it helps where the model is softer than the pad.
+it can help only where the model is softer than the pad.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ def _markers(board: Board) -> Iterator[tuple[str, Any, float]]:
                    "first_x_um": (board.pad.size_x_um - (n_x - 1) * pitch) // 2,
                    "first_y_um": (board.pad.size_y_um - (n_y - 1) * pitch) // 2}  # fmt: skip
         for lost in LOST if pitch_mm == PITCHES_MM[0] else (0.0,):
-            what = f"markers {pitch_mm:g} mm apart" + (f", {100 * lost:.0f} % lost" if lost else "")
+            what = f"markers {pitch_mm:g} mm apart" + (f" and {100 * lost:.0f} % lost" if lost else "")
             yield what, own.model_copy(update=changed), lost
 
 
@@ -269,16 +269,15 @@ def draw(cells: list[Cell], path: Path) -> Path:
     for panel, element in zip(axes[0], ELEMENTS, strict=True):
         rows = [c for c in swept if c.element == element]
         ratio = np.array([[c.error[i] / c.error[0] for i in SHOWN] for c in rows])
-        shown = panel.imshow(np.log2(ratio), cmap="RdBu_r", vmin=-2, vmax=2, aspect="auto")
+        panel.imshow(np.log2(ratio), cmap="RdBu_r", vmin=-2, vmax=2, aspect="auto")
         panel.set_xticks(range(len(SHOWN)), [f"{WEIGHTS[i]:.0e}" for i in SHOWN])
         labels = [f"{c.mesh[0]} x {c.mesh[1]}, {c.layers} layers, {c.noise_um:g} um: {c.error[0]:.2f}" for c in rows]
         panel.set_yticks(range(len(rows)), labels, fontsize=7)
-        panel.set_title(
-            f"{element}: error over raw's (blue: the ridge helps)\nnodes, layers, noise along z: raw's error"
-        )
+        panel.set_title(f"{element}: error over raw's (blue: it helps)", loc="left", fontsize=9)
+        panel.set_ylabel("nodes, layers, noise along z: error of raw")
         for (y, x), value in np.ndenumerate(ratio):
-            panel.text(x, y, f"{value:.3g}", ha="center", va="center", fontsize=7)
-        figure.colorbar(shown, ax=panel, label="log2")
+            colour = "white" if abs(np.log2(value)) > 1.4 else "black"
+            panel.text(x, y, f"{value:.3g}", ha="center", va="center", fontsize=7, color=colour)
     x = np.array([WEIGHTS[1] / 10, *WEIGHTS[1:]])
     usual = next(c for c in swept if c.pad == ("B-bar", MESHES[-1], LAYERS[-1]) and c.noise_um == NOISES_UM[2][2])
     curves = {
@@ -292,7 +291,8 @@ def draw(cells: list[Cell], path: Path) -> Path:
     for c in (c for c in cells if c.varied != "mesh" and c.element == "B-bar"):
         number = {"Poisson's ratio": f" {c.poisson:g}", "correlated noise": f" {c.noise_um:g} um"}.get(c.varied, "")
         name = c.varied + number
-        axes[1, 1].loglog(x, c.error / c.error[0], label=name)
+        style = "-" if c.varied.startswith(("Poisson", "markers")) else "--"
+        axes[1, 1].loglog(x, c.error / c.error[0], style, label=name)
     axes[1, 1].axhline(1, color="black", linewidth=0.5)
     axes[1, 1].set_ylim(0.7, 5)
     axes[1, 1].set_title("error over raw's: B-bar, 31 x 25, 6 layers, 20 um")
