@@ -211,7 +211,7 @@ void Daemon::process(const FrameLease& lease) {
     if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->compute_residual();
     encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
   }
-  for (size_t i = 0; i < kMaxStages; ++i) {
+  for (size_t i = 0; i < kMaxRows; ++i) {
     const uint64_t ns = state.stage_ns[i];
     exchange_.stage_sum_ns[i].fetch_add(ns, std::memory_order_relaxed);
     if (ns > exchange_.stage_max_ns[i].load(std::memory_order_relaxed)) exchange_.stage_max_ns[i] = ns;

@@ -49,7 +49,6 @@ void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
   watch(frame);
   Frame on_its_way = frame_of(frame, capture_us);
   on_its_way.is_zero_followed = is_live_ && writes(Slot::kNodeForces);
-  on_its_way.was_touched = is_touched_by_results();
   pipeline_.run(on_its_way);
 }
 
@@ -87,9 +86,7 @@ void FramePath::judge() {
 // Contacts of an invalid picture are ignored; an over-range contact still counts as pressed.
 bool FramePath::is_touched() const { return presses(state_.flags); }
 
-bool FramePath::is_touched_by_results() const {
-  return state_.contacts.n_found > 0 || state_.tip.is_touched || state_.wrench.is_beyond_noise;
-}
+bool FramePath::is_touched_by_results() const { return shows_touch(state_.contacts, state_.wrench, state_.tip); }
 
 // A surface that moved without an explaining force is assumed to be pressed.
 bool FramePath::presses(uint32_t flags) const {

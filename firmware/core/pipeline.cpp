@@ -43,8 +43,8 @@ Status Pipeline::load(const Calibration* calibration, SlotSet written) {
     }
     for (size_t i = 0; i < kSlotCount; ++i) {
       const auto slot = static_cast<Slot>(i);
-      if (!stage.writes.has(slot) || !entry.stage->writes(slot)) continue;
-      written_.add(slot);
+      if (!(stage.writes | stage.amends).has(slot) || !entry.stage->writes(slot)) continue;
+      if (stage.writes.has(slot)) written_.add(slot);
       entry.is_active = true;
     }
   }

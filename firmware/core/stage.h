@@ -23,7 +23,6 @@ struct Frame {
   uint32_t& flags;  // flags of this frame so far; a stage adds its own
   SaturationCounter& saturations;
 
-  bool was_touched = false;            // the previous frame showed contact
   bool is_zero_followed = false;       // for a live camera on a pad whose forces are measured
   bool is_displacement_given = false;  // given by a caller, with its depth, instead of a camera
 
@@ -42,7 +41,7 @@ class Stage {
   // Loads the tables. Called once if the calibration has one of the kinds declared for the stage. Errors: kBadInput,
   // kRefused.
   [[nodiscard]] virtual Status load(const Calibration& /*calibration*/) { return Unit{}; }
-  // After load(): true if run() writes this slot. A stage that writes no slot is not run.
+  // After load(): true if run() writes or amends this slot. A stage that changes no slot is not run.
   [[nodiscard]] virtual bool writes(Slot /*slot*/) const { return true; }
   // A new rest image is in force: width x height x 3 in 1/16 grey levels. The slots that this stage reads have learned
   // it already.

@@ -16,6 +16,8 @@ StagePointer make_photometric(const StageContext& context);
 StagePointer make_poisson(const StageContext& context);
 StagePointer make_depth_moments(const StageContext& context);
 StagePointer make_displacement(const StageContext& context);
+StagePointer make_zero(const StageContext& context);
+StagePointer make_depth_validity(const StageContext& context);
 StagePointer make_operator(const StageContext& context);
 StagePointer make_support(const StageContext& context);
 StagePointer make_wrench(const StageContext& context);
@@ -86,7 +88,7 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .make = make_spot_intensities},
     {.name = "light",
      .reads = {kDifference},
-     .reads_if_written = {kMarkers, kTargets, kSlope, kNodeForces},
+     .reads_if_written = {kMarkers, kTargets, kSlope},
      .writes = {kLight},
      .amends = {},
      .sections = "",
@@ -97,7 +99,7 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .reads = {kDifference},
      .reads_if_written = {kLight, kMarkers, kTargets},
      .writes = {kSlope},
-     .amends = {kDepth},
+     .amends = {},
      .sections = "depth",
      .kind = "photometric camera",
      .part_of = "",
@@ -130,6 +132,24 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .kind = "photometric camera gauge marker_depth",
      .part_of = "",
      .make = make_displacement},
+    {.name = "zero",
+     .reads = {kDisplacement},
+     .reads_if_written = {kContacts, kWrench, kToolTouch},
+     .writes = {},
+     .amends = {kDisplacement},
+     .sections = "",
+     .kind = "",
+     .part_of = "displacement",
+     .make = make_zero},
+    {.name = "depth_validity",
+     .reads = {kDepth, kSlope},
+     .reads_if_written = {},
+     .writes = {},
+     .amends = {kDepth},
+     .sections = "",
+     .kind = "",
+     .part_of = "poisson",
+     .make = make_depth_validity},
     {.name = "operator",
      .reads = {kDisplacement},
      .reads_if_written = {kLight},
@@ -141,7 +161,7 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .make = make_operator},
     {.name = "support",
      .reads = {kNodeForces},
-     .reads_if_written = {kLight, kDisplacement},
+     .reads_if_written = {kDisplacement},
      .writes = {kResidual},
      .amends = {kNodeForces},
      .sections = "grid window contact field",
@@ -249,7 +269,9 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .part_of = "support",
      .make = make_uncertainty},
 });
-static_assert(kTable.size() <= kMaxStages);
+static_assert(kTable.size() <= kMaxRows);
+static_assert(std::count_if(kTable.begin(), kTable.end(), [](const StageEntry& e) { return e.part_of.empty(); }) <=
+              ptrdiff_t{kMaxStages});
 
 bool is_listed(std::span<const std::string> stages, const StageEntry& entry) {
   const std::string_view name = entry.part_of.empty() ? entry.name : entry.part_of;
