@@ -65,6 +65,7 @@ inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kF
 // Capacity for the stages that a board lists, and for the rows of the table (core/stages.cpp), which checks both.
 inline constexpr size_t kMaxStages = 24;
 inline constexpr size_t kMaxRows = 26;
+inline constexpr size_t kMaxSegments = 6;  // core/stages.h
 
 // What a stage's features are, inputs of a wrench; stated once, in the stage's row (core/stages.cpp).
 struct FeatureSort {
@@ -234,7 +235,7 @@ class SlotSet {
   [[nodiscard]] constexpr SlotSet operator|(SlotSet other) const { return SlotSet(bits_ | other.bits_); }
   [[nodiscard]] constexpr SlotSet without(SlotSet other) const { return SlotSet(bits_ & ~other.bits_); }
   [[nodiscard]] constexpr SlotSet operator&(SlotSet other) const { return SlotSet(bits_ & other.bits_); }
-  bool operator==(const SlotSet&) const = default;
+  constexpr bool operator==(const SlotSet&) const = default;
 
  private:
   constexpr explicit SlotSet(uint32_t bits) : bits_(bits) {}

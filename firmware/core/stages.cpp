@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 
+#include "core/hand_over.h"
+
 namespace ruffini {
 
 // In stages/<name>/.
@@ -94,6 +96,7 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .sections = "",
      .kind = "photometric",
      .part_of = "difference",
+     .amends_rest = true,
      .make = make_light},
     {.name = "photometric",
      .reads = {kDifference},
@@ -344,6 +347,39 @@ bool is_section_read(std::span<const std::string> stages, std::string_view secti
     return is_listed(stages, entry) && all.find(" " + std::string(section) + " ") != std::string::npos;
   };
   return std::any_of(kTable.begin(), kTable.end(), reads);
+}
+
+std::vector<size_t> segments_of(std::span<const std::string> stages) {
+  std::vector<size_t> out(kTable.size());
+  // The last row that changes each slot; 0: none, as the first one writes Difference, which no other changes.
+  std::array<size_t, kSlotCount> last_change{};
+  std::array<size_t, kSlotCount> writer{};
+  size_t earliest_end = 0;  // the row up to which the current segment reaches at least
+  for (size_t row = 0; row < kTable.size(); ++row) {
+    if (!is_listed(stages, kTable[row])) continue;
+    if (kTable[row].amends_rest) earliest_end = row;
+    for (size_t i = 0; i < kSlotCount; ++i) {
+      const auto slot = static_cast<Slot>(i);
+      if (kTable[row].writes.has(slot)) writer[i] = row;
+      if ((kTable[row].writes | kTable[row].amends).has(slot)) last_change[i] = row;
+    }
+  }
+  bool can_hand_over = true;
+  bool is_first = true;
+  size_t segment = 0;
+  for (size_t row = 0; row < kTable.size(); ++row) {
+    const StageEntry& entry = kTable[row];
+    out[row] = segment;
+    if (!is_listed(stages, entry)) continue;
+    if (!is_first && row > earliest_end && can_hand_over && segment + 1 < kMaxSegments) out[row] = ++segment;
+    is_first = false;
+    can_hand_over = can_hand_over && kHandedOver.has_all(entry.writes | entry.amends);
+    for (size_t i = 0; i < kSlotCount; ++i) {
+      const bool reads = (entry.reads | entry.reads_if_written | entry.amends).has(static_cast<Slot>(i));
+      if (reads && writer[i] > row) earliest_end = std::max(earliest_end, last_change[i]);
+    }
+  }
+  return out;
 }
 
 std::string refuse_stages(std::span<const std::string> stages) {
