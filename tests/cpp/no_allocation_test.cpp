@@ -203,13 +203,12 @@ TEST(FrameThread, AllocatesNothingInAThousandFramesWithEverythingSubscribed) {
 }
 
 TEST(FrameThread, AllocatesNothingOnTwoCores) {
-  for (test::Scene scene : {test::dots(), test::texture()}) {
-    scene.board.n_cores = 2;
-    const Outcome out = run_daemon(scene, false);
-    EXPECT_EQ(out.frames, kFrames);
-    EXPECT_EQ(out.allocations, 0U);
-    EXPECT_GT(out.largest_contacts, out.smallest_contacts + 50) << "no contact was seen";
-  }
+  test::Scene scene = test::dots();
+  scene.board.n_cores = 2;
+  const Outcome out = run_daemon(scene, false);
+  EXPECT_EQ(out.frames, kFrames);
+  EXPECT_EQ(out.allocations, 0U);
+  EXPECT_GT(out.largest_field, out.smallest_field + 50) << "no contact was seen: the second pass did not run";
 }
 
 TEST(FrameThread, AllocatesNothingOnASkinWithTwoTouches) {
