@@ -1,5 +1,6 @@
 // Threads of ruffinid: capture -> frame -> link, and one beside them for a learned network if the board has one.
-// firmware/README.md has the diagram. Each thread repeats one step; tests/sim runs the same steps on a virtual clock.
+// firmware/README.md has the diagram. Each thread repeats one step; tests/sim runs the same steps on a virtual clock. With
+// [pipeline] cores = 2 there are two frame threads, the second of which ends the frames (frame_path.h).
 #pragma once
 
 #include <array>
@@ -14,6 +15,7 @@
 #include "base/clock.h"
 #include "base/mailbox.h"
 #include "base/random.h"
+#include "base/turnstile.h"
 #include "capture/camera.h"
 #include "capture/frame_order.h"
 #include "frame_reflex.h"
@@ -23,6 +25,7 @@
 #include "link/link.h"
 #include "link/messages.h"
 #include "link/session.h"
+#include "segment_cut.h"
 
 namespace ruffini {
 
@@ -84,12 +87,24 @@ class Daemon {
   void link_loop();
   // Returns false if the frame must be skipped.
   [[nodiscard]] bool take_in_order(FramePool::Buffer& buffer);
-  void process(const FrameLease& lease);
+  // A frame on its way through the segments of the path.
+  struct Flight {
+    std::optional<FrameLease> lease{};
+    Frame frame{};
+    size_t segment = 0;  // that holds it
+  };
+  std::optional<int> take_frame(uint32_t number);
+  void start(uint32_t number, FrameLease lease);
+  void run_segments(uint32_t number, size_t until);
+  void finish(uint32_t number);
+  void finish_loop();
+  void send_results(const FrameLease& lease);
   void save_rest();
   void switch_reflex(const FrameState& state);
   void count_late(uint64_t capture_us);
   void count(uint32_t flags);
   void run_network(FrameLease lease);
+  [[nodiscard]] bool has_requests() const;
   void swap_path();
   void read_board_health();
   void notify_manager(uint64_t now_us);
@@ -118,6 +133,11 @@ class Daemon {
   std::array<uint8_t, 4'096> received_{};
   FramePool pool_;
   IndexMailbox mailbox_;
+  std::array<Flight, 2> flights_{};              // by number
+  std::array<Turnstile, kMaxSegments> turns_{};  // of the path's segments
+  Turnstile handed_;                             // by the first frame thread to the second
+  SegmentCut cut_;
+  uint32_t n_begun_ = 0;  // process_once()
   std::unique_ptr<Inference> network_;
   uint64_t n_network_results_ = 0;  // results of the network
   uint64_t last_output_us_;         // last time that bytes were written

@@ -77,9 +77,9 @@ struct Exchange {
   std::atomic<bool> is_zero_at_limit{false};
   std::atomic<ReflexState> reflex{ReflexState::kNotConfigured};
   std::atomic<uint64_t> reflex_trips{0};
-  std::atomic<uint32_t> skin_light_1e3{0};                       // at rest, relative to the calibration; 0: unknown
-  std::array<std::atomic<uint64_t>, kMaxStages> stage_sum_ns{};  // since the last status
-  std::array<std::atomic<uint64_t>, kMaxStages> stage_max_ns{};
+  std::atomic<uint32_t> skin_light_1e3{0};                     // at rest, relative to the calibration; 0: unknown
+  std::array<std::atomic<uint64_t>, kMaxRows> stage_sum_ns{};  // since the last status
+  std::array<std::atomic<uint64_t>, kMaxRows> stage_max_ns{};
   // Written by the thread of the learned network, if the board has one.
   NetworkHealth network;
   // Written by the capture thread.
