@@ -9,6 +9,7 @@ evaluation.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import re
 import subprocess
@@ -75,6 +76,15 @@ N_TOUCHES = 40  # for the error model: how good it is does not change its time
 WANTED_MS: dict[str, dict[str, float]] = {
     "320x240": {"whole frame": 1.5, "colour to depth": 0.6},
     "640x480": {"whole frame": 4.0},
+}
+
+
+# Ratios to peers that are wanted at both sizes, of the first at 320x240 only.
+AT_MOST, AT_LEAST = "at most", "at least"
+WANTED_RATIOS: dict[str, tuple[str, float, tuple[str, ...]]] = {
+    "whole frame / Eigen product": (AT_MOST, 1.0, ("320x240",)),
+    "Lucas-Kanade, 70 points / markers": (AT_LEAST, 3.0, ("320x240", "640x480")),
+    "vendor's method / colour to depth": (AT_LEAST, 20.0, ("320x240", "640x480")),
 }
 
 
@@ -171,6 +181,24 @@ def scipy_poisson(gradient_x: Array, gradient_y: Array) -> Array:
     return np.asarray(scipy.fft.idctn(waves, type=2, workers=1))
 
 
+def vendor_depth(pixels: npt.NDArray[np.uint8], weights: list[npt.NDArray[np.float32]]) -> Array:
+    """Depth as the GelSight SDK computes it: colour and place of each pixel through a network, then Poisson.
+
+    Its sizes (gsrobotics, utilities/reconstruction.py: 5, 64, 64, 64, 2, ReLU, float32; Poisson in float64) in numpy,
+    with other weights; not its program.
+    """
+    n_y, n_x = pixels.shape[:2]
+    y, x = np.mgrid[:n_y, :n_x]
+    values = np.column_stack((pixels.reshape(-1, 3) / 255, y.ravel() / n_y, x.ravel() / n_x)).astype(np.float32)
+    for i, weight in enumerate(weights):
+        values = values @ weight
+        if i + 1 < len(weights):
+            np.maximum(values, 0, out=values)
+    normal = np.clip(values.astype(float), -0.7, 0.7).reshape(n_y, n_x, 2)
+    slope = -normal / np.sqrt(1 - np.square(normal).sum(axis=2, keepdims=True))
+    return scipy_poisson(slope[..., 0], slope[..., 1])
+
+
 def measure(build: Path, board: Board, label: str, kind: OperatorKind) -> dict[str, Any]:
     """Milliseconds of our stages and of their peers on one board's pictures."""
     folder = build / "bench" / label
@@ -184,6 +212,10 @@ def measure(build: Path, board: Board, label: str, kind: OperatorKind) -> dict[s
         slopes = rng.normal(size=(2, *shape)).astype(np.float32)
         return best_ms(lambda: scipy_poisson(slopes[0], slopes[1]))
 
+    sizes = (5, 64, 64, 64, 2)
+    weights = [rng.normal(0, 0.2, pair).astype(np.float32) for pair in itertools.pairwise(sizes)]
+    pressed = picture(board, is_pressed=True, noise=1)
+    vendor_ms = best_ms(lambda: vendor_depth(pressed, weights))
     cells = (camera.height_px // step, camera.width_px // step)
     n = int(results["eigen_gemv"]["n"])
     followed = {
@@ -195,7 +227,15 @@ def measure(build: Path, board: Board, label: str, kind: OperatorKind) -> dict[s
         for shape in dict.fromkeys([cells, (camera.height_px, camera.width_px)])
     ]
     peers.append(["operator", f"Eigen float32 {n}x{n} times vector", results["eigen_gemv"]["real_time"] / 1e6])
+    peers.append(["poisson", f"GelSight SDK's method in numpy, {board.resolution}, colour to depth", vendor_ms])
     ours = {s: frame[s] / 1e6 for s in [*board.pipeline.stages, "packets"] if s in frame}
+    depth_ms = sum(ours[s] for s in ("difference", "photometric", "poisson") if s in ours)
+    whole_ms, product_ms = frame["whole_frame"] / 1e6, results["eigen_gemv"]["real_time"] / 1e6
+    ratios = {"whole frame / Eigen product": whole_ms / product_ms}
+    if "markers" in ours and 70 in followed:
+        ratios["Lucas-Kanade, 70 points / markers"] = followed[70] / ours["markers"]
+    if "poisson" in ours:
+        ratios["vendor's method / colour to depth"] = vendor_ms / depth_ms
     return {
         "board": label,
         "size": f"{camera.width_px}x{camera.height_px}",
@@ -206,12 +246,13 @@ def measure(build: Path, board: Board, label: str, kind: OperatorKind) -> dict[s
         "packet_bytes": int(frame["packet_bytes"]),
         "stages_ms": ours,
         "sums_ms": {
-            "colour to depth": sum(ours[s] for s in ("difference", "photometric", "poisson") if s in ours),
-            "whole frame": frame["whole_frame"] / 1e6,
+            "colour to depth": depth_ms,
+            "whole frame": whole_ms,
             "residual, asked": frame["residual"] / 1e6,  # besides the frame, its packet included
         },
         "wanted_ms": WANTED_MS.get(label, {}),
         "peers_ms": peers,
+        "ratios": ratios,
         "memory_copy_gb_s": results["memory_copy"]["bytes_per_second"] / 1e9,
     }
 
@@ -229,6 +270,11 @@ def table(m: dict[str, Any]) -> str:
     for name, value in m["sums_ms"].items():
         wanted = m["wanted_ms"].get(name)
         lines.append(f"  {name:16}{value:8.3f}" + (f"   wanted: at most {wanted:g}" if wanted else ""))
+    for name, value in m["ratios"].items():
+        sense, limit, labels = WANTED_RATIOS[name]
+        is_met = value <= limit if sense == AT_MOST else value >= limit
+        wanted = f"   wanted: {sense} {limit:g}: {'met' if is_met else 'NOT met'}" if m["board"] in labels else ""
+        lines.append(f"  {name:36}{value:6.2f}{wanted}")
     return "\n".join([*lines, f"  {'memory copy':16}{m['memory_copy_gb_s']:8.1f}   GB/s on this machine"])
 
 
