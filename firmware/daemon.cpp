@@ -4,6 +4,7 @@
 #include <chrono>
 #include <optional>
 
+#include "hw/thread_place.h"
 #include "store/last_run.h"
 
 namespace ruffini {
@@ -27,6 +28,7 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Daem
       identity_(std::move(identity)),
       options_(std::move(options)),
       reflex_(board.reflex),
+      governor_(1'000'000'000 / static_cast<uint64_t>(board.camera.rate_mhz)),
       liveness_(devices_.io->watchdog_us()),
       session_(board_, *path_, identity_, calibrator, exchange_, {devices_.clock, devices_.random, options_.is_open}),
       encoder_(*path_, identity_.sensor),
@@ -107,6 +109,10 @@ bool Daemon::capture_once() {
     ++exchange_.frames_repeated;
     return true;
   }
+  if (leaves_out()) {
+    ++exchange_.frames_left_out;
+    return true;
+  }
   if (options_.is_lockstep) mailbox_.wait_empty();
   if (const std::optional<int> dropped = mailbox_.post(lease.release())) {
     pool_.give_back(*dropped);
@@ -126,8 +132,17 @@ bool Daemon::take_in_order(FramePool::Buffer& buffer) {
   return verdict.is_used;
 }
 
+// Of `rate_divisor` frames one is used.
+bool Daemon::leaves_out() {
+  n_left_out_ = n_left_out_ + 1 < exchange_.rate_divisor ? n_left_out_ + 1 : 0;
+  return n_left_out_ != 0;
+}
+
 void Daemon::frame_loop() {
   begin("frame");
+  const ThreadPlace place = thread_place();
+  exchange_.frame_priority = place.priority;
+  exchange_.frame_cpus = place.cpus;
   while (!is_stopping()) {
     mailbox_.wait_full();
     if (!process_once()) {
@@ -143,11 +158,21 @@ void Daemon::frame_loop() {
 bool Daemon::process_once() {
   const std::optional<int> index = mailbox_.take();
   if (!index) return false;
+  const uint64_t start_us = devices_.clock.now_us();
   FrameLease lease(pool_, *index);
   swap_path();
   process(lease);
   if (network_ != nullptr) run_network(std::move(lease));
+  govern_rate(start_us);
   return true;
+}
+
+// `start_us`: when the frame thread took the frame. Recordings keep their rate.
+void Daemon::govern_rate(uint64_t start_us) {
+  if (options_.is_lockstep || devices_.camera->is_replay()) return;
+  const uint64_t now_us = devices_.clock.now_us();
+  const bool is_throttled = (exchange_.throttled & kClockLowered) != 0;
+  exchange_.rate_divisor = governor_.update(now_us, now_us - start_us, is_throttled);
 }
 
 // Swaps in a new calibration between two frames, keeping the rest image.
@@ -205,12 +230,16 @@ void Daemon::process(const FrameLease& lease) {
   switch_reflex(state);
   const FrameStamp stamp{lease.capture_us(), lease.number(), path_->calibration_id(), identity_.stream_flags};
   const uint64_t n = exchange_.frames_processed.load();
+  const bool has_time = !options_.is_lockstep && !lease.is_time_wrong();
+  exposed_us_ = has_time ? lease.capture_us() + static_cast<uint64_t>(board_.exposure.time_us) / 2 : 0;
   for (size_t type = 0; type < kMessageTypes; ++type) {
     const uint32_t every = exchange_.every[type].load(std::memory_order_relaxed);
     if (every == 0 || n % every != 0) continue;
     if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->compute_residual();
     encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
   }
+  exposed_us_ = 0;
+  wake_link();
   for (size_t i = 0; i < kMaxStages; ++i) {
     const uint64_t ns = state.stage_ns[i];
     exchange_.stage_sum_ns[i].fetch_add(ns, std::memory_order_relaxed);
@@ -261,7 +290,8 @@ void Daemon::switch_reflex(const FrameState& state) {
 
 // Two intervals after capture, a newer frame is already waiting.
 void Daemon::count_late(uint64_t capture_us) {
-  const uint64_t interval_us = uint64_t{1'000'000'000} / static_cast<uint64_t>(board_.camera.rate_mhz);
+  const uint64_t interval_us =
+      uint64_t{1'000'000'000} * exchange_.rate_divisor / static_cast<uint64_t>(board_.camera.rate_mhz);
   if (devices_.clock.now_us() > capture_us + 2 * interval_us) ++exchange_.missed_deadlines;
 }
 
@@ -283,12 +313,19 @@ void Daemon::run_network(FrameLease lease) {
   const uint32_t every = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED].load(std::memory_order_relaxed);
   if (said == nullptr || every == 0 || n_network_results_++ % every != 0) return;
   encoder_.encode(*said, network_->names(), identity_.stream_flags, sink_);
+  wake_link();
+}
+
+// Frame thread: lets the link thread write what was published, instead of at the end of its poll.
+void Daemon::wake_link() {
+  if (has_published_) devices_.link->wake();
+  has_published_ = false;
 }
 
 // Frame thread: writes one message to the ring. Lockstep waits for room, live drops the message.
 void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) {
-  const auto head = static_cast<uint8_t>(type);
-  while (!exchange_.telemetry.push({&head, 1}, frames)) {
+  has_published_ = true;
+  while (!exchange_.push_telemetry({exposed_us_, static_cast<uint64_t>(type)}, frames)) {
     if (!options_.is_lockstep || is_stopping()) {
       ++exchange_.telemetry_dropped;
       return;

@@ -16,6 +16,7 @@
 #include "base/random.h"
 #include "capture/camera.h"
 #include "capture/frame_order.h"
+#include "capture/rate_governor.h"
 #include "frame_reflex.h"
 #include "hw/board_io.h"
 #include "hw/liveness.h"
@@ -88,8 +89,11 @@ class Daemon {
   void save_rest();
   void switch_reflex(const FrameState& state);
   void count_late(uint64_t capture_us);
+  void govern_rate(uint64_t start_us);
+  [[nodiscard]] bool leaves_out();
   void count(uint32_t flags);
   void run_network(FrameLease lease);
+  void wake_link();
   void swap_path();
   void read_board_health();
   void notify_manager(uint64_t now_us);
@@ -103,8 +107,10 @@ class Daemon {
   Exchange& exchange_;
   DeviceIdentity identity_;
   DaemonOptions options_;
-  FrameOrder order_;  // capture thread
-  Reflex reflex_;     // frame thread
+  FrameOrder order_;         // capture thread
+  uint32_t n_left_out_ = 0;  // capture thread: since the last frame that was used
+  Reflex reflex_;            // frame thread
+  RateGovernor governor_;    // frame thread
   Liveness<4> liveness_;
   uint64_t link_iterations_ = 0;
   bool is_ready_reported_ = false;  // READY was sent
@@ -120,6 +126,8 @@ class Daemon {
   IndexMailbox mailbox_;
   std::unique_ptr<Inference> network_;
   uint64_t n_network_results_ = 0;  // results of the network
+  uint64_t exposed_us_ = 0;         // frame thread: TelemetryHead of what is published next
+  bool has_published_ = false;      // frame thread: since the link thread was last woken
   uint64_t last_output_us_;         // last time that bytes were written
   uint64_t last_pending_us_;        // last time that bytes were pending
   uint64_t board_health_us_;        // time of the last reading of the board's health
