@@ -175,8 +175,9 @@ real: build  ## one table and a page of what was measured on recordings of real 
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
-	@$(PYTHON) tests/bench/benchmarks.py --build $(BUILD)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/benchmarks.py --build $(BUILD)
 	@$(PYTHON) tests/bench/two_cores.py --build $(BUILD)
+	@$(PYTHON) tests/bench/line_time.py $(if $(QUICK),--frames 600)
 	@$(PYTHON) tests/bench/client_decode.py --build $(BUILD)
 	@$(PYTHON) tests/bench/scaling.py --build $(BUILD) $(if $(QUICK),--quick)
 	@$(PYTHON) tests/bench/building.py $(if $(QUICK),--quick)

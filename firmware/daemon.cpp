@@ -4,6 +4,7 @@
 #include <chrono>
 #include <optional>
 
+#include "hw/thread_place.h"
 #include "store/last_run.h"
 
 namespace ruffini {
@@ -31,6 +32,7 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Daem
       identity_(std::move(identity)),
       options_(std::move(options)),
       reflex_(board.reflex),
+      governor_(1'000'000'000 / static_cast<uint64_t>(board.camera.rate_mhz)),
       liveness_(devices_.io->watchdog_us()),
       session_(board_, *path_, identity_, calibrator, exchange_, {devices_.clock, devices_.random, options_.is_open}),
       encoder_(*path_, identity_.sensor),
@@ -111,6 +113,10 @@ bool Daemon::capture_once() {
     ++exchange_.frames_repeated;
     return true;
   }
+  if (leaves_out()) {
+    ++exchange_.frames_left_out;
+    return true;
+  }
   if (options_.is_lockstep) mailbox_.wait_empty();
   if (const std::optional<int> dropped = mailbox_.post(lease.release())) {
     pool_.give_back(*dropped);
@@ -130,8 +136,17 @@ bool Daemon::take_in_order(FramePool::Buffer& buffer) {
   return verdict.is_used;
 }
 
+// Of `rate_divisor` frames one is used.
+bool Daemon::leaves_out() {
+  n_left_out_ = n_left_out_ + 1 < exchange_.rate_divisor ? n_left_out_ + 1 : 0;
+  return n_left_out_ != 0;
+}
+
 void Daemon::frame_loop() {
   begin("frame");
+  const ThreadPlace place = thread_place();
+  exchange_.frame_priority = place.priority;
+  exchange_.frame_cpus = place.cpus;
   const bool has_second = path_->n_segments() > 1;
   std::thread second;
   if (has_second) second = std::thread([this] { finish_loop(); });
@@ -144,9 +159,11 @@ void Daemon::frame_loop() {
     start(number, FrameLease(pool_, *index));
     if (has_second) {
       run_segments(number, cut_.get());
+      Flight& flight = flights_[number % 2];
+      flight.first_us = devices_.clock.now_us() - flight.start_us;
       handed_.pass();
     } else {
-      finish(number);
+      finish(number, flights_[number % 2].start_us);
     }
   }
   handed_.pass();  // nothing: the end
@@ -161,7 +178,7 @@ void Daemon::finish_loop() {
   for (uint32_t number = 0;; ++number) {
     handed_.wait_for(number + 1);
     if (!flights_[number % 2].lease) return;
-    finish(number);
+    finish(number, devices_.clock.now_us());
   }
 }
 
@@ -179,8 +196,16 @@ bool Daemon::process_once() {
   const std::optional<int> index = mailbox_.take();
   if (!index) return false;
   start(n_begun_, FrameLease(pool_, *index));
-  finish(n_begun_++);
+  finish(n_begun_, flights_[n_begun_ % 2].start_us);
+  ++n_begun_;
   return true;
+}
+
+// `busy_us`: of the frame thread that was busy for longer. Recordings keep their rate.
+void Daemon::govern_rate(uint64_t busy_us) {
+  if (options_.is_lockstep || devices_.camera->is_replay()) return;
+  const bool is_throttled = (exchange_.throttled & kClockLowered) != 0;
+  exchange_.rate_divisor = governor_.update(devices_.clock.now_us(), busy_us, is_throttled);
 }
 
 bool Daemon::has_requests() const {
@@ -244,6 +269,7 @@ void Daemon::start(uint32_t number, FrameLease lease) {
   path_->set_temperature(warmth == kNoTemperature ? std::optional<int32_t>() : warmth);
   path_->set_capture_flags(lease.is_time_wrong() ? uint32_t{kFlagTime} : 0U);
   Flight& flight = flights_[number % 2];
+  flight.start_us = devices_.clock.now_us();
   flight.frame = path_->begin(lease.view(), lease.capture_us());
   path_->enter(0, flight.frame);
   flight.segment = 0;
@@ -262,7 +288,8 @@ void Daemon::run_segments(uint32_t number, size_t until) {
   }
 }
 
-void Daemon::finish(uint32_t number) {
+// `since_us`: when this thread took the frame.
+void Daemon::finish(uint32_t number, uint64_t since_us) {
   const size_t n_segments = path_->n_segments();
   run_segments(number, n_segments);
   Flight& flight = flights_[number % 2];
@@ -275,6 +302,7 @@ void Daemon::finish(uint32_t number) {
     flight.frame.segment_ns[n_segments - 1] += 1'000 * (devices_.clock.now_us() - start_us);
     cut_.record(flight.frame.segment_ns, n_segments);
   }
+  govern_rate(std::max(flight.first_us, devices_.clock.now_us() - since_us));
   for (size_t segment = first_held; segment < n_segments; ++segment) turns_[segment].pass();
 }
 
@@ -283,12 +311,16 @@ void Daemon::send_results(const FrameLease& lease) {
   switch_reflex(state);
   const FrameStamp stamp{lease.capture_us(), lease.number(), path_->calibration_id(), identity_.stream_flags};
   const uint64_t n = exchange_.frames_processed.load();
+  const bool has_time = !options_.is_lockstep && !lease.is_time_wrong();
+  exposed_us_ = has_time ? lease.capture_us() + static_cast<uint64_t>(board_.exposure.time_us) / 2 : 0;
   for (size_t type = 0; type < kMessageTypes; ++type) {
     const uint32_t every = exchange_.every[type].load(std::memory_order_relaxed);
     if (every == 0 || n % every != 0) continue;
     if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->compute_residual();
     encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
   }
+  exposed_us_ = 0;
+  wake_link();
   for (size_t i = 0; i < kMaxRows; ++i) {
     const uint64_t ns = state.stage_ns[i];
     exchange_.stage_sum_ns[i].fetch_add(ns, std::memory_order_relaxed);
@@ -339,7 +371,8 @@ void Daemon::switch_reflex(const FrameState& state) {
 
 // Two intervals after capture, a newer frame is already waiting.
 void Daemon::count_late(uint64_t capture_us) {
-  const uint64_t interval_us = uint64_t{1'000'000'000} / static_cast<uint64_t>(board_.camera.rate_mhz);
+  const uint64_t interval_us =
+      uint64_t{1'000'000'000} * exchange_.rate_divisor / static_cast<uint64_t>(board_.camera.rate_mhz);
   if (devices_.clock.now_us() > capture_us + 2 * interval_us) ++exchange_.missed_deadlines;
 }
 
@@ -361,12 +394,19 @@ void Daemon::run_network(FrameLease lease) {
   const uint32_t every = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED].load(std::memory_order_relaxed);
   if (said == nullptr || every == 0 || n_network_results_++ % every != 0) return;
   encoder_.encode(*said, network_->names(), identity_.stream_flags, sink_);
+  wake_link();
+}
+
+// Frame thread: lets the link thread write what was published, instead of at the end of its poll.
+void Daemon::wake_link() {
+  if (has_published_) devices_.link->wake();
+  has_published_ = false;
 }
 
 // Frame thread: writes one message to the ring. Lockstep waits for room, live drops the message.
 void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) {
-  const auto head = static_cast<uint8_t>(type);
-  while (!exchange_.telemetry.push({&head, 1}, frames)) {
+  has_published_ = true;
+  while (!exchange_.push_telemetry({exposed_us_, static_cast<uint64_t>(type)}, frames)) {
     if (!options_.is_lockstep || is_stopping()) {
       ++exchange_.telemetry_dropped;
       return;

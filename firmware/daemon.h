@@ -18,6 +18,7 @@
 #include "base/turnstile.h"
 #include "capture/camera.h"
 #include "capture/frame_order.h"
+#include "capture/rate_governor.h"
 #include "frame_reflex.h"
 #include "hw/board_io.h"
 #include "hw/liveness.h"
@@ -91,20 +92,25 @@ class Daemon {
   struct Flight {
     std::optional<FrameLease> lease{};
     Frame frame{};
-    size_t segment = 0;  // that holds it
+    size_t segment = 0;     // that holds it
+    uint64_t start_us = 0;  // when a frame thread took it
+    uint64_t first_us = 0;  // for which it kept the first of two frame threads busy
   };
   std::optional<int> take_frame(uint32_t number);
   void start(uint32_t number, FrameLease lease);
   void run_segments(uint32_t number, size_t until);
-  void finish(uint32_t number);
+  void finish(uint32_t number, uint64_t since_us);
   void finish_loop();
   void send_results(const FrameLease& lease);
   void save_rest();
   void switch_reflex(const FrameState& state);
   void count_late(uint64_t capture_us);
+  void govern_rate(uint64_t busy_us);
+  [[nodiscard]] bool leaves_out();
   void count(uint32_t flags);
   void run_network(FrameLease lease);
   [[nodiscard]] bool has_requests() const;
+  void wake_link();
   void swap_path();
   void read_board_health();
   void notify_manager(uint64_t now_us);
@@ -118,8 +124,10 @@ class Daemon {
   Exchange& exchange_;
   DeviceIdentity identity_;
   DaemonOptions options_;
-  FrameOrder order_;  // capture thread
-  Reflex reflex_;     // frame thread
+  FrameOrder order_;         // capture thread
+  uint32_t n_left_out_ = 0;  // capture thread: since the last frame that was used
+  Reflex reflex_;            // frame thread
+  RateGovernor governor_;    // frame thread that ends the frames
   Liveness<4> liveness_;
   uint64_t link_iterations_ = 0;
   bool is_ready_reported_ = false;  // READY was sent
@@ -140,6 +148,8 @@ class Daemon {
   uint32_t n_begun_ = 0;  // process_once()
   std::unique_ptr<Inference> network_;
   uint64_t n_network_results_ = 0;  // results of the network
+  uint64_t exposed_us_ = 0;         // frame thread: TelemetryHead of what is published next
+  bool has_published_ = false;      // frame thread: since the link thread was last woken
   uint64_t last_output_us_;         // last time that bytes were written
   uint64_t last_pending_us_;        // last time that bytes were pending
   uint64_t board_health_us_;        // time of the last reading of the board's health
