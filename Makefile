@@ -27,7 +27,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels resolution bench profile oracle aarch64 wheel wheels deb arm64 vm pi board fresh version release clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels resolution steady bench profile oracle aarch64 wheel wheels deb arm64 vm pi board fresh version release clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -168,6 +168,9 @@ gels: build  ## force of gels without markers by `ruffini cal auto`, SIMULATED; 
 
 resolution: build  ## lines told apart and response by spatial frequency of every force field, SIMULATED; writes its rows in docs/results/accuracy.md and its picture
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/resolution.py --table docs/results/accuracy.md --out docs/results/resolution.png
+
+steady: build  ## noise of the field of held contacts, each frame by itself and averaged, SIMULATED; writes its row in docs/results/accuracy.md
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/steady.py --table docs/results/accuracy.md
 
 DATA ?= $(RUFFINI_RECORDED_DATA)
 real: build  ## one table and a page of what was measured on recordings of real sensors in DATA=FOLDER, with peers on the same rows

@@ -101,9 +101,11 @@ struct DepthSettings {
   [[nodiscard]] bool has_gauge_table() const { return gauge != Gauge::kMargin && gauge != Gauge::kMean; }
 };
 
+inline constexpr int kMaxSteadyFrames = 32;
 struct ContactSettings {
   int64_t threshold_un = 0;
   int64_t min_nodes = 0;
+  int steady_frames = 1;  // over which the field of an unchanging contact is averaged
 };
 
 // A skin that becomes brighter where it is pressed; radius 0 for a plane. Limits of the weights: image/glow.h.

@@ -6,6 +6,8 @@
 namespace ruffini {
 namespace {
 
+static_assert(kMaxSteadyFrames == SteadyField::kMaxFrames);
+
 // If more than five sixteenths of the nodes are touched, the remaining pad is too small a reference for depth.
 bool covers_pad(std::span<const uint8_t> mask) {
   return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 5 * std::ssize(mask);
@@ -27,6 +29,7 @@ Result<SecondPass> SecondPass::load(const Calibration& calibration, const BoardS
   if (Status loaded = keep(SupportSolver::load(calibration, out.nodes_, places), out.support_); !loaded) {
     return loaded.error();
   }
+  if (board.contact.steady_frames > 1) out.steady_.emplace(out.nodes_, places, board.contact.steady_frames);
   const CameraMotion sides(out.nodes_);
   out.support_->watch(sides.unknowns());
   out.residual_at_sides_.resize(sides.unknowns().size());
@@ -82,11 +85,18 @@ std::span<const NodeForce> SecondPass::add_finite_strain(SolvedForces& forces, S
   return beyond;
 }
 
+void SecondPass::average(bool is_trusted, SolvedForces& forces, SaturationCounter& saturations) {
+  if (!steady_) return;
+  if (!is_trusted) return steady_->forget();
+  steady_->run(forces.mask, support_->evidence(), forces.force, saturations);
+}
+
 void SecondPass::apply_relaxation(uint64_t capture_us, SolvedForces& forces, SaturationCounter& saturations) {
   relaxation_->run(capture_us, forces.mask, forces.force, saturations);
 }
 
 void SecondPass::forget() {
+  if (steady_) steady_->forget();
   if (relaxation_) relaxation_->forget();
 }
 

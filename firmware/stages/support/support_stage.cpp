@@ -35,6 +35,7 @@ class SupportStage final : public Stage {
     if (!displacement_.has_depth && !frame.is_displacement_given) return;
     pass_->refine(solve_, frame.saturations);
     if (!solve_.is_explained) frame.flags |= kFlagFeatures;
+    pass_->average(!frame.is_wrong(), solve_, frame.saturations);
     // An untrusted frame does not enter the history.
     if (!pass_->has_relaxation() || frame.capture_us == 0 || frame.is_wrong()) return;
     pass_->apply_relaxation(frame.capture_us, solve_, frame.saturations);

@@ -120,6 +120,7 @@ class Contact(Section):
 
     threshold_un: int
     min_nodes: int
+    steady_frames: int
 
 
 class Skin(Section):
