@@ -119,10 +119,11 @@ TSAN = -DCMAKE_CXX_FLAGS='-fsanitize=thread $(SANITIZE_FLAGS)' -DCMAKE_CXX_FLAGS
 SHARDS := 0 1
 sanitize: setup  ## C++ tests under ASan + UBSan, then those with threads under TSan
 	@$(call compile,$(BUILD)/asan,$(ASAN),ruffini_tests ruffini_device_tests ruffini_capture_tests)
-	@$(call compile,$(BUILD)/tsan,$(TSAN),ruffini_device_tests)
+	@$(call compile,$(BUILD)/tsan,$(TSAN),ruffini_device_tests ruffini_two_cores_test)
 	@.ci/at-once $(JOBS) \
 	  $(foreach i,$(SHARDS),'RUFFINI_CRASH_STEP=64 GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) $(BUILD)/asan/ruffini_device_tests --gtest_brief=1') \
 	  $(foreach i,$(SHARDS),'GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) $(BUILD)/tsan/ruffini_device_tests --gtest_filter=-CrashStates.* --gtest_brief=1') \
+	  '$(BUILD)/tsan/ruffini_two_cores_test --gtest_brief=1' \
 	  '$(BUILD)/asan/ruffini_tests --gtest_brief=1' \
 	  'ASAN_OPTIONS=detect_leaks=0 LD_LIBRARY_PATH=$(BUILD)/asan $(BUILD)/asan/ruffini_capture_tests --gtest_brief=1'  # dlopen under ASan heeds no RUNPATH
 
@@ -177,7 +178,9 @@ real: build  ## one table and a page of what was measured on recordings of real 
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
-	@$(PYTHON) tests/bench/benchmarks.py --build $(BUILD)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/benchmarks.py --build $(BUILD)
+	@$(PYTHON) tests/bench/two_cores.py --build $(BUILD)
+	@$(PYTHON) tests/bench/line_time.py $(if $(QUICK),--frames 600)
 	@$(PYTHON) tests/bench/client_decode.py --build $(BUILD)
 	@$(PYTHON) tests/bench/scaling.py --build $(BUILD) $(if $(QUICK),--quick)
 	@$(PYTHON) tests/bench/building.py $(if $(QUICK),--quick)

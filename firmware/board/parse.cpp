@@ -147,6 +147,8 @@ void read_pipeline(BoardReader& in, BoardSettings& board) {
   in.section("pipeline");
   board.n_rest_frames = static_cast<int>(in.integer("n_rest_frames", 1, 256));
   board.stages = in.texts("stages", stage_names().size());
+  in.set_default("cores", int64_t{1});
+  board.n_cores = static_cast<int>(in.integer("cores", 1, 2));
 }
 
 struct ReadBoard {

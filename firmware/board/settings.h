@@ -154,6 +154,7 @@ struct BoardSettings {
   int64_t force_lsb_un = 0;
   int64_t calibration_kb = kMaxCalibrationKb;  // room for the calibration file
   int n_rest_frames = 0;
+  int n_cores = 1;  // of the frame path (core/stages.h)
   std::vector<std::string> stages;
   std::string toml;  // source text of these settings
 };

@@ -51,8 +51,8 @@ Result<SecondPass> SecondPass::load(const Calibration& calibration, const BoardS
   return out;
 }
 
-void SecondPass::refine(bool is_light_steady, SolvedForces& forces, SaturationCounter& saturations) {
-  const std::span<const NodeForce> beyond = add_finite_strain(is_light_steady, forces, saturations);
+void SecondPass::refine(SolvedForces& forces, SaturationCounter& saturations) {
+  const std::span<const NodeForce> beyond = add_finite_strain(forces, saturations);
   support_->run(forces.u, beyond, forces.mask, forces.threshold_lsb, forces.force, saturations);
   support_->watched_residual(residual_at_sides_);
   forces.residual_at_sides = residual_at_sides_;
@@ -70,8 +70,7 @@ void SecondPass::compute_residual(const SolvedForces& forces, std::span<int32_t>
 
 // Adds the finite-strain part to the linear forces, and so to the mask. Returns it; empty without contact or finite
 // strain.
-std::span<const NodeForce> SecondPass::add_finite_strain(bool is_light_steady, SolvedForces& forces,
-                                                         SaturationCounter& saturations) {
+std::span<const NodeForce> SecondPass::add_finite_strain(SolvedForces& forces, SaturationCounter& saturations) {
   const auto is_touched = [](uint8_t m) { return m != 0; };
   if (!finite_strain_ || std::none_of(forces.mask.begin(), forces.mask.end(), is_touched)) return {};
   const std::span<const NodeForce> beyond = finite_strain_->run(forces.u, saturations);
@@ -80,7 +79,7 @@ std::span<const NodeForce> SecondPass::add_finite_strain(bool is_light_steady, S
     NodeForce& f = forces.force[i];
     f = {add(f.x, beyond[i].x), add(f.y, beyond[i].y), add(f.z, beyond[i].z)};
   }
-  forces.mask = mask_.find(forces.force, is_light_steady);
+  forces.mask = mask_.find(forces.force, forces.is_light_steady);
   forces.threshold_lsb = mask_.threshold_lsb();
   forces.is_pressed = mask_.is_pressed();
   return beyond;

@@ -38,7 +38,7 @@ class SecondPass {
   [[nodiscard]] bool is_at_finite_strain() const { return finite_strain_.has_value(); }
 
   // `forces`: the linear ones in, with their u, mask and threshold; the refined ones out.
-  void refine(bool is_light_steady, SolvedForces& forces, SaturationCounter& saturations);
+  void refine(SolvedForces& forces, SaturationCounter& saturations);
   // For the last refine() and its `forces`; xyz interleaved, 1/64 standard deviation (solve/support_solver.h).
   void compute_residual(const SolvedForces& forces, std::span<int32_t> residual, SaturationCounter& saturations);
   // `forces`: of the last refine(). is_trusted: the frame may enter the history; else the history begins anew.
@@ -49,8 +49,7 @@ class SecondPass {
 
  private:
   explicit SecondPass(const BoardSettings& board);
-  std::span<const NodeForce> add_finite_strain(bool is_light_steady, SolvedForces& forces,
-                                               SaturationCounter& saturations);
+  std::span<const NodeForce> add_finite_strain(SolvedForces& forces, SaturationCounter& saturations);
 
   GridSize nodes_;
   ContactMask mask_;  // of the forces including the finite-strain part

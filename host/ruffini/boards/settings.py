@@ -160,6 +160,7 @@ class Pipeline(Section):
 
     n_rest_frames: int
     stages: list[str]
+    cores: int
 
 
 class Exposure(Section):
