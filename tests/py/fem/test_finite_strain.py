@@ -10,7 +10,7 @@ import scipy.sparse.linalg as spl
 from kept import kept
 
 from ruffini.errors import InputError
-from ruffini.fem.finite_strain import MAX_NODES, finite_strain
+from ruffini.fem.finite_strain import EXACT, LAYERS, MAX_NODES, Weights, finite_strain
 from ruffini.fem.slab import CORNERS, Slab, assemble_layer
 
 Array = npt.NDArray[np.float64]
@@ -101,7 +101,7 @@ def held(depths_m: tuple[float, ...]) -> list[tuple[Array, Array]]:
 
 
 def test_what_the_linear_pad_leaves_out() -> None:
-    beyond, depths_m = finite_strain(SLAB, (21, 25)), (0.05e-3, 0.1e-3, 0.2e-3)
+    beyond, depths_m = finite_strain(SLAB, (21, 25), EXACT), (0.05e-3, 0.1e-3, 0.2e-3)
     for depth, (linear, true) in zip(depths_m, kept(held, depths_m), strict=True):
         left = true - linear - beyond.force(dent(depth, depth / 2))
         # Three layers of one point each leave a fifth; the third order is small beside that.
@@ -112,6 +112,21 @@ def test_it_is_quadratic() -> None:
     beyond = finite_strain(SLAB, (21, 25))
     u = dent(0.3e-3, 0.1e-3)
     np.testing.assert_allclose(beyond.force(-2 * u), 4 * beyond.force(u), rtol=1e-9, atol=1e-12)
+
+
+def test_each_weight_scales_its_term() -> None:
+    """The force is a sum of terms; the exact second order has each once."""
+    n, u = len(LAYERS), dent(0.3e-3, 0.1e-3)
+    terms = [
+        finite_strain(SLAB, (21, 25), Weights(*(tuple(row) for row in one.reshape(3, n)))).force(u)
+        for one in np.eye(3 * n)
+    ]
+    assert all(np.abs(term).max() > 0 for term in terms)
+    np.testing.assert_allclose(sum(terms), finite_strain(SLAB, (21, 25), EXACT).force(u), rtol=1e-9, atol=1e-12)
+    factors = np.linspace(0.5, 2, 3 * n)
+    weights = Weights(*(tuple(row) for row in factors.reshape(3, n)))
+    together = np.tensordot(factors, terms, 1)
+    np.testing.assert_allclose(finite_strain(SLAB, (21, 25), weights).force(u), together, rtol=1e-9, atol=1e-12)
 
 
 def test_a_mirrored_touch_gives_the_mirrored_force() -> None:
