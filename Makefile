@@ -27,7 +27,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels resolution bench profile oracle aarch64 wheel wheels deb arm64 vm pi board fresh version release clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels resolution steady bench profile oracle aarch64 wheel wheels deb arm64 vm pi board fresh version release clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -119,10 +119,11 @@ TSAN = -DCMAKE_CXX_FLAGS='-fsanitize=thread $(SANITIZE_FLAGS)' -DCMAKE_CXX_FLAGS
 SHARDS := 0 1
 sanitize: setup  ## C++ tests under ASan + UBSan, then those with threads under TSan
 	@$(call compile,$(BUILD)/asan,$(ASAN),ruffini_tests ruffini_device_tests ruffini_capture_tests)
-	@$(call compile,$(BUILD)/tsan,$(TSAN),ruffini_device_tests)
+	@$(call compile,$(BUILD)/tsan,$(TSAN),ruffini_device_tests ruffini_two_cores_test)
 	@.ci/at-once $(JOBS) \
 	  $(foreach i,$(SHARDS),'RUFFINI_CRASH_STEP=64 GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) $(BUILD)/asan/ruffini_device_tests --gtest_brief=1') \
 	  $(foreach i,$(SHARDS),'GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) $(BUILD)/tsan/ruffini_device_tests --gtest_filter=-CrashStates.* --gtest_brief=1') \
+	  '$(BUILD)/tsan/ruffini_two_cores_test --gtest_brief=1' \
 	  '$(BUILD)/asan/ruffini_tests --gtest_brief=1' \
 	  'ASAN_OPTIONS=detect_leaks=0 LD_LIBRARY_PATH=$(BUILD)/asan $(BUILD)/asan/ruffini_capture_tests --gtest_brief=1'  # dlopen under ASan heeds no RUNPATH
 
@@ -168,13 +169,18 @@ gels: build  ## force of gels without markers by `ruffini cal auto`, SIMULATED; 
 resolution: build  ## lines told apart and response by spatial frequency of every force field, SIMULATED; writes its rows in docs/results/accuracy.md and its picture
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/resolution.py --table docs/results/accuracy.md --out docs/results/resolution.png
 
+steady: build  ## noise of the field of held contacts, each frame by itself and averaged, SIMULATED; writes its row in docs/results/accuracy.md
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/steady.py --table docs/results/accuracy.md
+
 DATA ?= $(RUFFINI_RECORDED_DATA)
 real: build  ## one table and a page of what was measured on recordings of real sensors in DATA=FOLDER, with peers on the same rows
 	@.venv/bin/ruffini eval real $(DATA) --out out/real.html --table out/real.md
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
-	@$(PYTHON) tests/bench/benchmarks.py --build $(BUILD)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/benchmarks.py --build $(BUILD)
+	@$(PYTHON) tests/bench/two_cores.py --build $(BUILD)
+	@$(PYTHON) tests/bench/line_time.py $(if $(QUICK),--frames 600)
 	@$(PYTHON) tests/bench/client_decode.py --build $(BUILD)
 	@$(PYTHON) tests/bench/scaling.py --build $(BUILD) $(if $(QUICK),--quick)
 	@$(PYTHON) tests/bench/building.py $(if $(QUICK),--quick)

@@ -4,17 +4,22 @@
 #include <chrono>
 #include <optional>
 
+#include "hw/thread_place.h"
 #include "store/last_run.h"
 
 namespace ruffini {
 namespace {
 
-constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spare
+constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spare; another with a second frame thread
 constexpr int kLinkPollMs = 2;
 constexpr uint64_t kBoardHealthUs = 1'000'000;  // interval of reading the board's health
 constexpr uint64_t kDrainUs = 20'000'000;       // for a reader that accepts nothing after a recording's end
 constexpr uint64_t kQuietUs = 100'000;          // a tty that appears empty may still get data from the kernel
 constexpr auto kReopenPause = std::chrono::milliseconds(10);  // short, so that a host that returns does not wait
+
+int n_buffers(const BoardSettings& board, const DaemonOptions& options) {
+  return kBuffers + (board.n_cores - 1) + (options.network ? Inference::kBuffers : 0);
+}
 
 }  // namespace
 
@@ -27,11 +32,12 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Daem
       identity_(std::move(identity)),
       options_(std::move(options)),
       reflex_(board.reflex),
+      governor_(1'000'000'000 / static_cast<uint64_t>(board.camera.rate_mhz)),
       liveness_(devices_.io->watchdog_us()),
       session_(board_, *path_, identity_, calibrator, exchange_, {devices_.clock, devices_.random, options_.is_open}),
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
-      pool_(kBuffers + (options_.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px),
+      pool_(n_buffers(board, options_), board.camera.width_px, board.camera.height_px),
       last_output_us_(devices_.clock.now_us()),
       last_pending_us_(last_output_us_),
       board_health_us_(last_output_us_) {
@@ -49,7 +55,7 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Daem
   read_board_health();  // before the first frame, because rest is learned at a temperature
   if (!options_.network) return;
   exchange_.network.is_asked = true;
-  network_ = std::make_unique<Inference>(options_.network, pool_, kBuffers + Inference::kBuffers, exchange_.network,
+  network_ = std::make_unique<Inference>(options_.network, pool_, n_buffers(board, options_), exchange_.network,
                                          options_.is_lockstep, [this] { begin("inference"); });
 }
 
@@ -107,6 +113,10 @@ bool Daemon::capture_once() {
     ++exchange_.frames_repeated;
     return true;
   }
+  if (leaves_out()) {
+    ++exchange_.frames_left_out;
+    return true;
+  }
   if (options_.is_lockstep) mailbox_.wait_empty();
   if (const std::optional<int> dropped = mailbox_.post(lease.release())) {
     pool_.give_back(*dropped);
@@ -126,28 +136,80 @@ bool Daemon::take_in_order(FramePool::Buffer& buffer) {
   return verdict.is_used;
 }
 
+// Of `rate_divisor` frames one is used.
+bool Daemon::leaves_out() {
+  n_left_out_ = n_left_out_ + 1 < exchange_.rate_divisor ? n_left_out_ + 1 : 0;
+  return n_left_out_ != 0;
+}
+
 void Daemon::frame_loop() {
   begin("frame");
-  while (!is_stopping()) {
-    mailbox_.wait_full();
-    if (!process_once()) {
-      if (mailbox_.is_closed()) break;
-      continue;
+  const ThreadPlace place = thread_place();
+  exchange_.frame_priority = place.priority;
+  exchange_.frame_cpus = place.cpus;
+  const bool has_second = path_->n_segments() > 1;
+  std::thread second;
+  if (has_second) second = std::thread([this] { finish_loop(); });
+  uint32_t number = 0;
+  for (;; ++number) {
+    turns_[path_->n_segments() - 1].wait_for(number - 1);  // no third frame is on its way
+    turns_[0].wait_for(number);
+    const std::optional<int> index = take_frame(number);
+    if (!index) break;
+    start(number, FrameLease(pool_, *index));
+    if (has_second) {
+      run_segments(number, cut_.get());
+      Flight& flight = flights_[number % 2];
+      flight.first_us = devices_.clock.now_us() - flight.start_us;
+      handed_.pass();
+    } else {
+      finish(number, flights_[number % 2].start_us);
     }
-    if (options_.max_frames != 0 && exchange_.frames_processed >= options_.max_frames) break;
   }
+  handed_.pass();  // nothing: the end
+  if (second.joinable()) second.join();
   is_frame_over_ = true;
   if (const std::optional<int> left = mailbox_.close()) pool_.give_back(*left);
+}
+
+// Second frame thread.
+void Daemon::finish_loop() {
+  begin("frame");
+  for (uint32_t number = 0;; ++number) {
+    handed_.wait_for(number + 1);
+    if (!flights_[number % 2].lease) return;
+    finish(number, devices_.clock.now_us());
+  }
+}
+
+// Waits for a frame. Returns none at the end.
+std::optional<int> Daemon::take_frame(uint32_t number) {
+  while (!is_stopping() && (options_.max_frames == 0 || number < options_.max_frames)) {
+    mailbox_.wait_full();
+    if (const std::optional<int> index = mailbox_.take()) return index;
+    if (mailbox_.is_closed()) break;
+  }
+  return std::nullopt;
 }
 
 bool Daemon::process_once() {
   const std::optional<int> index = mailbox_.take();
   if (!index) return false;
-  FrameLease lease(pool_, *index);
-  swap_path();
-  process(lease);
-  if (network_ != nullptr) run_network(std::move(lease));
+  start(n_begun_, FrameLease(pool_, *index));
+  finish(n_begun_, flights_[n_begun_ % 2].start_us);
+  ++n_begun_;
   return true;
+}
+
+// `busy_us`: of the frame thread that was busy for longer. Recordings keep their rate.
+void Daemon::govern_rate(uint64_t busy_us) {
+  if (options_.is_lockstep || devices_.camera->is_replay()) return;
+  const bool is_throttled = (exchange_.throttled & kClockLowered) != 0;
+  exchange_.rate_divisor = governor_.update(devices_.clock.now_us(), busy_us, is_throttled);
+}
+
+bool Daemon::has_requests() const {
+  return exchange_.next_path.load(std::memory_order_relaxed) != nullptr || exchange_.zero_frames != kNoZeroRequest;
 }
 
 // Swaps in a new calibration between two frames, keeping the rest image.
@@ -197,21 +259,69 @@ void Daemon::notify_manager(uint64_t now_us) {
   RunRecord::note_stuck(liveness_.stuck());
 }
 
-void Daemon::process(const FrameLease& lease) {
+// Requests wait for the end of the frame before.
+void Daemon::start(uint32_t number, FrameLease lease) {
+  if (has_requests()) {
+    turns_[path_->n_segments() - 1].wait_for(number);
+    swap_path();
+  }
   const int32_t warmth = exchange_.milli_celsius;
   path_->set_temperature(warmth == kNoTemperature ? std::optional<int32_t>() : warmth);
   path_->set_capture_flags(lease.is_time_wrong() ? uint32_t{kFlagTime} : 0U);
-  const FrameState& state = path_->process(lease.view(), lease.capture_us());
+  Flight& flight = flights_[number % 2];
+  flight.start_us = devices_.clock.now_us();
+  flight.frame = path_->begin(lease.view(), lease.capture_us());
+  path_->enter(0, flight.frame);
+  flight.segment = 0;
+  flight.lease.emplace(std::move(lease));
+}
+
+// Runs the segments before `until`, and enters that one: the first frame thread is then free of the frame.
+void Daemon::run_segments(uint32_t number, size_t until) {
+  Flight& flight = flights_[number % 2];
+  while (flight.segment < until) {
+    path_->run(flight.segment, flight.frame);
+    if (++flight.segment == path_->n_segments()) return;
+    turns_[flight.segment].wait_for(number);
+    path_->enter(flight.segment, flight.frame);
+    if (!flight.frame.is_alone) turns_[flight.segment - 1].pass();
+  }
+}
+
+// `since_us`: when this thread took the frame.
+void Daemon::finish(uint32_t number, uint64_t since_us) {
+  const size_t n_segments = path_->n_segments();
+  run_segments(number, n_segments);
+  Flight& flight = flights_[number % 2];
+  const uint64_t start_us = devices_.clock.now_us();
+  send_results(*flight.lease);
+  if (network_ != nullptr) run_network(std::move(*flight.lease));
+  flight.lease.reset();
+  const size_t first_held = flight.frame.is_alone ? 0 : n_segments - 1;
+  if (n_segments > 1) {
+    flight.frame.segment_ns[n_segments - 1] += 1'000 * (devices_.clock.now_us() - start_us);
+    cut_.record(flight.frame.segment_ns, n_segments);
+  }
+  govern_rate(std::max(flight.first_us, devices_.clock.now_us() - since_us));
+  for (size_t segment = first_held; segment < n_segments; ++segment) turns_[segment].pass();
+}
+
+void Daemon::send_results(const FrameLease& lease) {
+  const FrameState& state = path_->state();
   switch_reflex(state);
   const FrameStamp stamp{lease.capture_us(), lease.number(), path_->calibration_id(), identity_.stream_flags};
   const uint64_t n = exchange_.frames_processed.load();
+  const bool has_time = !options_.is_lockstep && !lease.is_time_wrong();
+  exposed_us_ = has_time ? lease.capture_us() + static_cast<uint64_t>(board_.exposure.time_us) / 2 : 0;
   for (size_t type = 0; type < kMessageTypes; ++type) {
     const uint32_t every = exchange_.every[type].load(std::memory_order_relaxed);
     if (every == 0 || n % every != 0) continue;
     if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->compute_residual();
     encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
   }
-  for (size_t i = 0; i < kMaxStages; ++i) {
+  exposed_us_ = 0;
+  wake_link();
+  for (size_t i = 0; i < kMaxRows; ++i) {
     const uint64_t ns = state.stage_ns[i];
     exchange_.stage_sum_ns[i].fetch_add(ns, std::memory_order_relaxed);
     if (ns > exchange_.stage_max_ns[i].load(std::memory_order_relaxed)) exchange_.stage_max_ns[i] = ns;
@@ -261,7 +371,8 @@ void Daemon::switch_reflex(const FrameState& state) {
 
 // Two intervals after capture, a newer frame is already waiting.
 void Daemon::count_late(uint64_t capture_us) {
-  const uint64_t interval_us = uint64_t{1'000'000'000} / static_cast<uint64_t>(board_.camera.rate_mhz);
+  const uint64_t interval_us =
+      uint64_t{1'000'000'000} * exchange_.rate_divisor / static_cast<uint64_t>(board_.camera.rate_mhz);
   if (devices_.clock.now_us() > capture_us + 2 * interval_us) ++exchange_.missed_deadlines;
 }
 
@@ -283,12 +394,19 @@ void Daemon::run_network(FrameLease lease) {
   const uint32_t every = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED].load(std::memory_order_relaxed);
   if (said == nullptr || every == 0 || n_network_results_++ % every != 0) return;
   encoder_.encode(*said, network_->names(), identity_.stream_flags, sink_);
+  wake_link();
+}
+
+// Frame thread: lets the link thread write what was published, instead of at the end of its poll.
+void Daemon::wake_link() {
+  if (has_published_) devices_.link->wake();
+  has_published_ = false;
 }
 
 // Frame thread: writes one message to the ring. Lockstep waits for room, live drops the message.
 void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) {
-  const auto head = static_cast<uint8_t>(type);
-  while (!exchange_.telemetry.push({&head, 1}, frames)) {
+  has_published_ = true;
+  while (!exchange_.push_telemetry({exposed_us_, static_cast<uint64_t>(type)}, frames)) {
     if (!options_.is_lockstep || is_stopping()) {
       ++exchange_.telemetry_dropped;
       return;

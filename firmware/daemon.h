@@ -1,5 +1,6 @@
 // Threads of ruffinid: capture -> frame -> link, and one beside them for a learned network if the board has one.
-// firmware/README.md has the diagram. Each thread repeats one step; tests/sim runs the same steps on a virtual clock.
+// firmware/README.md has the diagram. Each thread repeats one step; tests/sim runs the same steps on a virtual clock. With
+// [pipeline] cores = 2 there are two frame threads, the second of which ends the frames (frame_path.h).
 #pragma once
 
 #include <array>
@@ -14,8 +15,10 @@
 #include "base/clock.h"
 #include "base/mailbox.h"
 #include "base/random.h"
+#include "base/turnstile.h"
 #include "capture/camera.h"
 #include "capture/frame_order.h"
+#include "capture/rate_governor.h"
 #include "frame_reflex.h"
 #include "hw/board_io.h"
 #include "hw/liveness.h"
@@ -23,6 +26,7 @@
 #include "link/link.h"
 #include "link/messages.h"
 #include "link/session.h"
+#include "segment_cut.h"
 
 namespace ruffini {
 
@@ -84,12 +88,29 @@ class Daemon {
   void link_loop();
   // Returns false if the frame must be skipped.
   [[nodiscard]] bool take_in_order(FramePool::Buffer& buffer);
-  void process(const FrameLease& lease);
+  // A frame on its way through the segments of the path.
+  struct Flight {
+    std::optional<FrameLease> lease{};
+    Frame frame{};
+    size_t segment = 0;     // that holds it
+    uint64_t start_us = 0;  // when a frame thread took it
+    uint64_t first_us = 0;  // for which it kept the first of two frame threads busy
+  };
+  std::optional<int> take_frame(uint32_t number);
+  void start(uint32_t number, FrameLease lease);
+  void run_segments(uint32_t number, size_t until);
+  void finish(uint32_t number, uint64_t since_us);
+  void finish_loop();
+  void send_results(const FrameLease& lease);
   void save_rest();
   void switch_reflex(const FrameState& state);
   void count_late(uint64_t capture_us);
+  void govern_rate(uint64_t busy_us);
+  [[nodiscard]] bool leaves_out();
   void count(uint32_t flags);
   void run_network(FrameLease lease);
+  [[nodiscard]] bool has_requests() const;
+  void wake_link();
   void swap_path();
   void read_board_health();
   void notify_manager(uint64_t now_us);
@@ -103,8 +124,10 @@ class Daemon {
   Exchange& exchange_;
   DeviceIdentity identity_;
   DaemonOptions options_;
-  FrameOrder order_;  // capture thread
-  Reflex reflex_;     // frame thread
+  FrameOrder order_;         // capture thread
+  uint32_t n_left_out_ = 0;  // capture thread: since the last frame that was used
+  Reflex reflex_;            // frame thread
+  RateGovernor governor_;    // frame thread that ends the frames
   Liveness<4> liveness_;
   uint64_t link_iterations_ = 0;
   bool is_ready_reported_ = false;  // READY was sent
@@ -118,8 +141,15 @@ class Daemon {
   std::array<uint8_t, 4'096> received_{};
   FramePool pool_;
   IndexMailbox mailbox_;
+  std::array<Flight, 2> flights_{};              // by number
+  std::array<Turnstile, kMaxSegments> turns_{};  // of the path's segments
+  Turnstile handed_;                             // by the first frame thread to the second
+  SegmentCut cut_;
+  uint32_t n_begun_ = 0;  // process_once()
   std::unique_ptr<Inference> network_;
   uint64_t n_network_results_ = 0;  // results of the network
+  uint64_t exposed_us_ = 0;         // frame thread: TelemetryHead of what is published next
+  bool has_published_ = false;      // frame thread: since the link thread was last woken
   uint64_t last_output_us_;         // last time that bytes were written
   uint64_t last_pending_us_;        // last time that bytes were pending
   uint64_t board_health_us_;        // time of the last reading of the board's health

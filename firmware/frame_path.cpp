@@ -30,52 +30,68 @@ FrameState first_state(const BoardSettings& board) {
 }  // namespace
 
 const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us) {
-  state_.flags = capture_flags_;
-  state_.stage_ns.fill(0);
-  pipeline_.begin();
-  const uint64_t saturations_before = state_.saturations.count;
-  if (!rest_.is_ready()) state_.flags |= kFlagNoReference;
-  if (rest_watch_.is_unverified) state_.flags |= kFlagRestUnverified;
-  if (rest_.is_ready() || rest_.is_relearning()) measure(frame, capture_us);
-  rest_.is_ready() ? verify_rest() : learn_watched(frame);
-  if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
-  judge();
+  Frame now = begin(frame, capture_us);
+  for (size_t segment = 0; segment < n_segments(); ++segment) {
+    enter(segment, now);
+    run(segment, now);
+  }
   return state_;
 }
 
 // Measures relative to the rest image in force, even while another one is learned: kFlagNoReference marks the result
 // invalid then.
-void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
-  watch(frame);
-  Frame on_its_way = frame_of(frame, capture_us);
-  on_its_way.is_zero_followed = is_live_ && writes(Slot::kNodeForces);
-  on_its_way.was_touched = is_touched_by_results();
-  pipeline_.run(on_its_way);
-}
-
-// Sets the flags of a picture that does not show the pad as it is now. Its time counts for the difference stage.
-void FramePath::watch(const FrameView& frame) {
-  if (!is_live_) return;
-  const uint64_t start = clock_();
-  const FrameWatch::Defects seen = picture_watch_.frame.run(frame);
-  if (picture_watch_.repeated.run(frame)) state_.flags |= kFlagRepeated;
-  const PixelStatistics::Defects pixels = picture_watch_.pixels.run(frame, state_.light.gain);
-  const bool has_blocks = picture_watch_.blocks.run(frame);
-  if (seen.is_broken || pixels.is_coarse || has_blocks) state_.flags |= kFlagPicture;
-  // Colours become slopes, and a level decides the area of a target.
-  const bool needs_curve = writes(Slot::kSlope) || writes(Slot::kTargets);
-  if (needs_curve && pixels.is_off_curve) state_.flags |= kFlagLight;
-  // On fingertips no stage compares levels, and an offset moves the pins' centroids (image/frame_watch.h).
-  if (seen.is_light_wrong || (seen.is_level_off && writes(Slot::kToolTouch))) state_.flags |= kFlagLight;
-  pipeline_.charge(Slot::kDifference, clock_() - start);
-}
-
-Frame FramePath::frame_of(const FrameView& view, uint64_t capture_us) {
+Frame FramePath::begin(const FrameView& view, uint64_t capture_us) {
+  const bool is_ready = rest_.is_ready();
   return {.view = view,
           .capture_us = capture_us,
           .warmth = warmth_,
-          .flags = state_.flags,
-          .saturations = state_.saturations};
+          .flags = capture_flags_ | (is_ready ? 0U : uint32_t{kFlagNoReference}),
+          .is_measured = is_ready || rest_.is_relearning(),
+          .is_alone = !is_ready,
+          .is_zero_followed = is_live_ && writes(Slot::kNodeForces)};
+}
+
+void FramePath::run(size_t segment, Frame& frame) {
+  const bool is_timed = n_segments() > 1;
+  const uint64_t start = is_timed ? clock_() : 0;
+  if (frame.is_measured) {
+    if (segment == 0) watch(frame);
+    pipeline_.run(segment, frame);
+  }
+  if (segment + 1 == n_segments()) end(frame);
+  if (is_timed) frame.segment_ns[segment] = clock_() - start;
+}
+
+void FramePath::end(Frame& frame) {
+  if (rest_watch_.is_unverified) frame.flags |= kFlagRestUnverified;
+  state_.stage_ns.fill(0);
+  take_results(frame);
+  rest_.is_ready() ? verify_rest() : learn_watched(frame.view);
+  if (frame.saturations.count != 0) state_.flags |= kFlagSaturated;
+  judge();
+}
+
+void FramePath::take_results(const Frame& frame) {
+  state_.flags = frame.flags;
+  state_.saturations.count += frame.saturations.count;
+  for (size_t i = 0; i < kMaxRows; ++i) state_.stage_ns[i] += frame.stage_ns[i];
+}
+
+// Sets the flags of a picture that does not show the pad as it is now. Its time counts for the difference stage.
+void FramePath::watch(Frame& frame) {
+  if (!is_live_) return;
+  const uint64_t start = clock_();
+  const FrameWatch::Defects seen = picture_watch_.frame.run(frame.view);
+  if (picture_watch_.repeated.run(frame.view)) frame.flags |= kFlagRepeated;
+  const PixelStatistics::Defects pixels = picture_watch_.pixels.run(frame.view, pipeline_.first_state().light.gain);
+  const bool has_blocks = picture_watch_.blocks.run(frame.view);
+  if (seen.is_broken || pixels.is_coarse || has_blocks) frame.flags |= kFlagPicture;
+  // Colours become slopes, and a level decides the area of a target.
+  const bool needs_curve = writes(Slot::kSlope) || writes(Slot::kTargets);
+  if (needs_curve && pixels.is_off_curve) frame.flags |= kFlagLight;
+  // On fingertips no stage compares levels, and an offset moves the pins' centroids (image/frame_watch.h).
+  if (seen.is_light_wrong || (seen.is_level_off && writes(Slot::kToolTouch))) frame.flags |= kFlagLight;
+  pipeline_.charge(Slot::kDifference, clock_() - start, frame);
 }
 
 // Sets the validity of everything in this frame. Calibrated stages add their own.
@@ -87,9 +103,7 @@ void FramePath::judge() {
 // Contacts of an invalid picture are ignored; an over-range contact still counts as pressed.
 bool FramePath::is_touched() const { return presses(state_.flags); }
 
-bool FramePath::is_touched_by_results() const {
-  return state_.contacts.n_found > 0 || state_.tip.is_touched || state_.wrench.is_beyond_noise;
-}
+bool FramePath::is_touched_by_results() const { return shows_touch(state_.contacts, state_.wrench, state_.tip); }
 
 // A surface that moved without an explaining force is assumed to be pressed.
 bool FramePath::presses(uint32_t flags) const {
@@ -99,7 +113,7 @@ bool FramePath::presses(uint32_t flags) const {
   return !is_explained || is_touched_by_results();
 }
 
-// Called after measure(), which uses the previous rest image if there is one.
+// The frame was measured with the previous rest image if there is one.
 void FramePath::learn_watched(const FrameView& frame) {
   const uint32_t seen_flags = state_.flags & ~kFlagNoReference;
   const bool has_changed = rest_watch_.is_requested && (seen_flags & ~rest_watch_.flags_before & kByPress) != 0;
@@ -133,7 +147,7 @@ void FramePath::verify_rest() {
 
 void FramePath::learn(const FrameView& frame) {
   if (is_live_) {
-    if (!rest_.is_relearning()) picture_watch_.repeated.run(frame);  // otherwise measure() did
+    if (!rest_.is_relearning()) picture_watch_.repeated.run(frame);  // otherwise watch() did
     picture_watch_.add_rest(frame);
   }
   if (!rest_.add(frame)) return;
@@ -147,18 +161,18 @@ void FramePath::learn_features() {
 }
 
 void FramePath::compute_residual() {
-  Frame last = frame_of({}, 0);
+  Frame last{.flags = state_.flags};
   pipeline_.compute(Slot::kResidual, last);
+  take_results(last);
 }
 
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {
-  state_.flags = 0;
-  pipeline_.begin();
+  Frame given{.is_measured = false, .is_displacement_given = true};
+  for (size_t segment = 0; segment < n_segments(); ++segment) enter(segment, given);
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
   repair_.run(state_.displacement.node, state_.displacement.is_filled);
-  Frame given = frame_of({}, 0);
-  given.is_displacement_given = true;
   pipeline_.run_from(Slot::kDisplacement, given);
+  take_results(given);
 }
 
 void FramePath::zero(int n_frames, bool is_watched) {

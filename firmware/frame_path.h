@@ -1,7 +1,9 @@
 // Processes one camera frame to forces. The board's stages run in core/pipeline; this class owns the rest image and its
 // checks, the checks on the picture, and the flags of a frame.
 //
-// A FramePath belongs to one sensor and one thread. configure() allocates; process() does not.
+// A FramePath belongs to one sensor and one thread, or with [pipeline] cores = 2 to two frame threads: a frame passes the
+// segments (core/stages.h) one after the other, and each holds one frame at a time. All functions but begin(), enter() and
+// run() need a path without frames, or the last segment. configure() allocates; process() does not.
 #pragma once
 
 #include <memory>
@@ -31,6 +33,13 @@ class FramePath {
   // Precondition: frame has the board's size. The result is valid until the next call. capture_us = 0: the pad's
   // relaxation is ignored.
   const FrameState& process(const FrameView& frame, uint64_t capture_us = 0);
+
+  // process() in its steps: begin() in the first segment, then in each segment enter(), after which the segment before is
+  // free, and run(). state() is that of the frame that the last segment holds.
+  [[nodiscard]] size_t n_segments() const { return pipeline_.n_segments(); }
+  [[nodiscard]] Frame begin(const FrameView& view, uint64_t capture_us);
+  void enter(size_t segment, const Frame& frame) { pipeline_.enter(segment, frame); }
+  void run(size_t segment, Frame& frame);
 
   // Sets the pad's temperature from the next frame on; empty: not measured.
   void set_temperature(std::optional<int32_t> milli_celsius) { warmth_.now_mc = milli_celsius; }
@@ -79,9 +88,9 @@ class FramePath {
   void learn_watched(const FrameView& frame);
   void learn_features();
   void verify_rest();
-  void watch(const FrameView& frame);
-  void measure(const FrameView& frame, uint64_t capture_us);
-  [[nodiscard]] Frame frame_of(const FrameView& view, uint64_t capture_us);
+  void watch(Frame& frame);
+  void end(Frame& frame);
+  void take_results(const Frame& frame);
   [[nodiscard]] bool is_touched_by_results() const;
   [[nodiscard]] bool presses(uint32_t flags) const;
   void judge();

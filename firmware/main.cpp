@@ -226,10 +226,11 @@ int run(const Arguments& arguments) {
                  fmt::format("--serial {}: holds what is no printable ASCII: give letters, digits and - _ .", shown)});
   }
   // Pages touched from here on stay in memory, so that no frame waits for the SD card.
-  if (arguments.locks_memory && ::mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0) {
-    return fail({ruffini::ErrorKind::kUnavailable,
-                 "--lock-memory: not allowed: set LimitMEMLOCK=infinity in the "
-                 "service, or ulimit -l unlimited"});
+  const bool is_memory_locked = arguments.locks_memory && ::mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0;
+  if (arguments.locks_memory && !is_memory_locked) {
+    fmt::print(stderr,
+               "ruffinid: --lock-memory: not allowed, frames may wait for the disk: set LimitMEMLOCK=infinity in the "
+               "service, or ulimit -l unlimited\n");
   }
   auto pad = ruffini::PadHardware::open(board.value());
   if (!pad) return fail(pad.error());
@@ -315,7 +316,8 @@ int run(const Arguments& arguments) {
                                          .stream_flags = static_cast<uint8_t>(stream_flags),
                                          .is_lossless = arguments.daemon.is_lockstep,
                                          .last_run = record.last(),
-                                         .is_safe_mode = record.is_safe_mode()};
+                                         .is_safe_mode = record.is_safe_mode(),
+                                         .is_memory_locked = is_memory_locked};
   ruffini::DaemonDevices around{.clock = *clock.value(),
                                 .random = random,
                                 .camera = std::move(camera).value(),

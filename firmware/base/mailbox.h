@@ -1,18 +1,14 @@
 // Mailbox for one buffer: the newest one wins, and the one it replaces returns to the thread that posted.
 #pragma once
 
-#include <linux/futex.h>
-#include <sys/syscall.h>
-#include <unistd.h>
-
 #include <atomic>
-#include <cstdint>
 #include <optional>
+
+#include "base/sleepers.h"
 
 namespace ruffini {
 
-// Holds the index of a buffer. Any thread may post, take or close; there is no lock. A waiting thread sleeps at once,
-// by one futex call: std::atomic::wait yields four times first, which costs four more system calls per frame.
+// Holds the index of a buffer. Any thread may post, take or close; there is no lock.
 class IndexMailbox {
  public:
   // Returns the index that nobody will take: the replaced one or, after close(), `index` itself.
@@ -21,7 +17,7 @@ class IndexMailbox {
     do {
       if (seen == kClosed) return index;
     } while (!slot_.compare_exchange_weak(seen, index));
-    wake();
+    sleepers_.wake(slot_);
     return seen >= 0 ? std::optional<int>(seen) : std::nullopt;
   }
 
@@ -30,46 +26,33 @@ class IndexMailbox {
     do {
       if (seen < 0) return std::nullopt;
     } while (!slot_.compare_exchange_weak(seen, kEmpty));
-    wake();
+    sleepers_.wake(slot_);
     return seen;
   }
 
   // Ends all waits and refuses further posts. Returns the index that had not been taken.
   std::optional<int> close() {
     const int seen = slot_.exchange(kClosed);
-    wake();
+    sleepers_.wake(slot_);
     return seen >= 0 ? std::optional<int>(seen) : std::nullopt;
   }
 
   [[nodiscard]] bool is_closed() const { return slot_.load(std::memory_order_acquire) == kClosed; }
   // Wait until an index is posted, or until it is taken. Both return when the mailbox is closed.
   void wait_full() const {
-    while (slot_.load(std::memory_order_acquire) == kEmpty) sleep_while(kEmpty);
+    while (slot_.load(std::memory_order_acquire) == kEmpty) sleepers_.sleep_while(slot_, kEmpty);
   }
   void wait_empty() const {
     for (int seen = slot_.load(std::memory_order_acquire); seen >= 0; seen = slot_.load(std::memory_order_acquire)) {
-      sleep_while(seen);
+      sleepers_.sleep_while(slot_, seen);
     }
   }
 
  private:
-  // Sleeps until the slot changes. May wake up spuriously, so the caller checks again.
-  void sleep_while(int seen) const {
-    n_waiting_.fetch_add(1);
-    ::syscall(SYS_futex, &slot_, FUTEX_WAIT_PRIVATE, seen, nullptr);
-    n_waiting_.fetch_sub(1);
-  }
-  // Call after each change of the slot. All accesses are sequentially consistent: if this thread does not see the
-  // waiter's count, the waiter sees the new slot value before it sleeps.
-  void wake() {
-    if (n_waiting_.load() != 0) ::syscall(SYS_futex, &slot_, FUTEX_WAKE_PRIVATE, INT32_MAX);
-  }
-
   static constexpr int kEmpty = -1;
   static constexpr int kClosed = -2;
   std::atomic<int> slot_{kEmpty};
-  static_assert(sizeof(std::atomic<int>) == sizeof(int));  // the futex reads the number itself
-  mutable std::atomic<int> n_waiting_{0};
+  mutable Sleepers sleepers_;
 };
 
 }  // namespace ruffini

@@ -36,21 +36,22 @@ class SpscRing {
 
   // Moves the next message to `out`, resized within its capacity. Returns false if there is none.
   bool pop(std::vector<uint8_t>& out) {
-    return pop([&out](uint8_t) { return &out; }, 0);
+    return pop({}, [&out] { return &out; });
   }
 
-  // The same without the message's first `n_head` bytes, to the vector that `choose` returns for the first byte.
+  // The same, but the message's first bytes go to `head`, and then the others to the vector that `choose` returns.
   template <typename Choose>
-  bool pop(Choose choose, size_t n_head) {
+  bool pop(std::span<uint8_t> head, Choose choose) {
     const size_t tail = tail_.load(std::memory_order_relaxed);
     if (tail == head_.load(std::memory_order_acquire)) return false;
     uint8_t prefix[sizeof(uint32_t)];
     read(tail, prefix);
     uint32_t length = 0;
     std::memcpy(&length, prefix, sizeof length);
-    std::vector<uint8_t>& out = *choose(storage_[(tail + sizeof length) & mask_]);
-    out.resize(length - n_head);
-    read(tail + sizeof length + n_head, out);
+    read(tail + sizeof length, head);
+    std::vector<uint8_t>& out = *choose();
+    out.resize(length - head.size());
+    read(tail + sizeof length + head.size(), out);
     tail_.store(tail + sizeof length + length, std::memory_order_release);
     return true;
   }

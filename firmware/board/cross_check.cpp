@@ -1,6 +1,7 @@
 #include "board/cross_check.h"
 
 #include <algorithm>
+#include <bit>
 #include <set>
 
 #include "core/stages.h"
@@ -155,6 +156,16 @@ void check_skin(BoardReader& in, const BoardSettings& board) {
   }
 }
 
+void check_cores(BoardReader& in, const BoardSettings& board) {
+  if (board.n_cores == 1) return;
+  const std::vector<size_t> segments = segments_of(board.stages);
+  if (segments.back() == 0) {
+    in.fail("pipeline.cores = 2 has no stage here that can run beside the next picture: take 1");
+  } else if (std::popcount(board.threads.frame.cpus) == 1) {
+    in.fail("pipeline.cores = 2 needs two cores in threads.frame_cpus, or none");
+  }
+}
+
 }  // namespace
 
 void cross_check(BoardReader& in, const BoardSettings& board) {
@@ -168,6 +179,7 @@ void cross_check(BoardReader& in, const BoardSettings& board) {
              observed_nodes(board.grid.n_y, board.pad.size_y_um, window.min_y_um, window.max_y_um).count < 2) {
     in.fail("[window] holds fewer than 2 node lines: widen it or refine [grid]");
   }
+  check_cores(in, board);
   check_markers(in, board);
   check_gauge(in, board);
   check_depth(in, board);

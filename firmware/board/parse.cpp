@@ -130,6 +130,8 @@ void read_rest(BoardReader& in, BoardSettings& board) {
   section_of_stages(in, board, "contact", toml::table{{"threshold_un", 1}, {"min_nodes", 1}});
   board.contact.threshold_un = in.integer("threshold_un", 1, 100'000'000);
   board.contact.min_nodes = in.integer("min_nodes", 1, 10'000);
+  in.set_default("steady_frames", 1);
+  board.contact.steady_frames = static_cast<int>(in.integer("steady_frames", 1, kMaxSteadyFrames));
   section_of_stages(in, board, "field", toml::table{{"force_lsb_un", 10}});
   board.force_lsb_un = in.integer("force_lsb_un", 1, 1'000);
   in.section_or("memory", toml::table{{"calibration_kb", board.calibration_kb}});
@@ -145,6 +147,8 @@ void read_pipeline(BoardReader& in, BoardSettings& board) {
   in.section("pipeline");
   board.n_rest_frames = static_cast<int>(in.integer("n_rest_frames", 1, 256));
   board.stages = in.texts("stages", stage_names().size());
+  in.set_default("cores", int64_t{1});
+  board.n_cores = static_cast<int>(in.integer("cores", 1, 2));
 }
 
 struct ReadBoard {

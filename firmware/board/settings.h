@@ -101,9 +101,11 @@ struct DepthSettings {
   [[nodiscard]] bool has_gauge_table() const { return gauge != Gauge::kMargin && gauge != Gauge::kMean; }
 };
 
+inline constexpr int kMaxSteadyFrames = 32;
 struct ContactSettings {
   int64_t threshold_un = 0;
   int64_t min_nodes = 0;
+  int steady_frames = 1;  // over which the field of an unchanging contact is averaged
 };
 
 // A skin that becomes brighter where it is pressed; radius 0 for a plane. Limits of the weights: image/glow.h.
@@ -152,6 +154,7 @@ struct BoardSettings {
   int64_t force_lsb_un = 0;
   int64_t calibration_kb = kMaxCalibrationKb;  // room for the calibration file
   int n_rest_frames = 0;
+  int n_cores = 1;  // of the frame path (core/stages.h)
   std::vector<std::string> stages;
   std::string toml;  // source text of these settings
 };

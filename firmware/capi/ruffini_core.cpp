@@ -76,7 +76,7 @@ const char* ruffini_board_json(const char* toml, size_t toml_bytes, const char* 
 
 ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* where, const uint8_t* calibration,
                                size_t calibration_bytes) {
-  const auto board = ruffini::parse_board({toml, toml_bytes}, where);
+  auto board = ruffini::parse_board({toml, toml_bytes}, where);
   if (!board) return fail(board.error().message), nullptr;
   std::shared_ptr<const ruffini::CalibrationFile> file;
   if (calibration != nullptr) {
@@ -88,6 +88,7 @@ ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* 
     if (!fits) return fail(fits.error().message), nullptr;
     file = loaded.value();
   }
+  board.value().n_cores = 1;  // this library has one thread
   auto path = FramePath::configure(board.value(), file, now_ns);
   if (!path) return fail(path.error().message), nullptr;
   auto pipeline = std::make_unique<ruffini_pipeline>(std::move(path).value(), std::nullopt);

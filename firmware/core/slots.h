@@ -62,8 +62,10 @@ inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kF
   return is_calibrated ? Validity::kValid : Validity::kUncalibrated;
 }
 
-// Capacity for the rows of the table (core/stages.cpp), which checks it.
+// Capacity for the stages that a board lists, and for the rows of the table (core/stages.cpp), which checks both.
 inline constexpr size_t kMaxStages = 24;
+inline constexpr size_t kMaxRows = 26;
+inline constexpr size_t kMaxSegments = 6;  // core/stages.h
 
 // What a stage's features are, inputs of a wrench; stated once, in the stage's row (core/stages.cpp).
 struct FeatureSort {
@@ -74,8 +76,8 @@ struct FeatureSort {
 
 struct FrameState {
   uint32_t flags = 0;
-  SaturationCounter saturations;                // since configure()
-  std::array<uint64_t, kMaxStages> stage_ns{};  // of this frame, by row of the table
+  SaturationCounter saturations;              // since configure()
+  std::array<uint64_t, kMaxRows> stage_ns{};  // of this frame, by row of the table
 
   struct {
     std::vector<RelativeChange> change;  // planes of B, G and R, height x width each
@@ -85,8 +87,7 @@ struct FrameState {
   struct {
     Rest::Gain gain = Rest::unit_gain();  // followed gain relative to rest
     LightLevel level{};                   // of this frame
-    // False while the light drifts: its effect on depth cannot be distinguished from a faint touch
-    bool is_steady = true;
+    bool is_drifting = false;
   } light;
   struct {
     // One of several views in a frame ([markers] layout "views").
@@ -94,7 +95,7 @@ struct FrameState {
       int n_low_confidence = 0;  // markers that were there at rest and are lost, or have low confidence
       bool was_seen_at_rest = false;
     };
-    std::span<const Marker> marker;
+    std::vector<Marker> marker;
     std::vector<View> view;
     int n_lost = 0;
     int n_at_rest = 0;
@@ -105,8 +106,8 @@ struct FrameState {
     }
   } markers;
   struct {
-    std::span<const Target> target;  // empty without the stage
-    std::span<const Marker> mark;    // the targets as markers, because they hide the surface
+    std::vector<Target> target;  // empty without the stage
+    std::vector<Marker> mark;    // the targets as markers, because they hide the surface
     int n_lost = 0;
   } targets;
   // Inputs of a wrench, as changes relative to rest.
@@ -118,10 +119,11 @@ struct FrameState {
     GridSize cells;
   } features;
   struct {
-    std::vector<CellSlope> slope;    // depth grid
-    bool is_balanced = false;        // the level of the frame's light has been subtracted
-    bool is_of_depth = false;        // the calibration converts colours directly to depth; there is no slope
-    bool is_foreign_optics = false;  // the calibration is for other optics: depth for display, not for forces
+    std::vector<CellSlope> slope;       // depth grid
+    std::vector<DisplacementUm> depth;  // depth grid, if is_of_depth
+    bool is_balanced = false;           // the level of the frame's light has been subtracted
+    bool is_of_depth = false;           // the calibration converts colours directly to depth; there is no slope
+    bool is_foreign_optics = false;     // the calibration is for other optics: depth for display, not for forces
   } photometric;
   struct {
     std::vector<DisplacementUm> cell;
@@ -233,7 +235,7 @@ class SlotSet {
   [[nodiscard]] constexpr SlotSet operator|(SlotSet other) const { return SlotSet(bits_ | other.bits_); }
   [[nodiscard]] constexpr SlotSet without(SlotSet other) const { return SlotSet(bits_ & ~other.bits_); }
   [[nodiscard]] constexpr SlotSet operator&(SlotSet other) const { return SlotSet(bits_ & other.bits_); }
-  bool operator==(const SlotSet&) const = default;
+  constexpr bool operator==(const SlotSet&) const = default;
 
  private:
   constexpr explicit SlotSet(uint32_t bits) : bits_(bits) {}
@@ -272,6 +274,12 @@ template <Slot slot, typename State>
 
 template <Slot slot>
 using SlotData = std::remove_reference_t<decltype(slot_of<slot>(std::declval<FrameState&>()))>;
+
+// True if a frame with these results shows contact.
+[[nodiscard]] inline bool shows_touch(const SlotData<Slot::kContacts>& contacts, const SlotData<Slot::kWrench>& wrench,
+                                      const SlotData<Slot::kToolTouch>& tip) {
+  return contacts.n_found > 0 || tip.is_touched || wrench.is_beyond_noise;
+}
 
 // Gives a stage its slots at construction: const to read, mutable to write or amend. The slots requested must be those
 // declared in the table (tests/cpp/core/stages_test.cpp).

@@ -2,6 +2,7 @@
 // load(); after that it allocates nothing. Frame thread.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 
@@ -17,13 +18,16 @@ namespace ruffini {
 
 // The frame being processed.
 struct Frame {
-  FrameView view;
+  FrameView view{};
   uint64_t capture_us = 0;  // 0: unknown
-  Warmth warmth;
-  uint32_t& flags;  // flags of this frame so far; a stage adds its own
-  SaturationCounter& saturations;
+  Warmth warmth{};
+  uint32_t flags = 0;               // so far; a stage adds its own
+  SaturationCounter saturations{};  // of this frame
+  std::array<uint64_t, kMaxRows> stage_ns{};
+  std::array<uint64_t, kMaxSegments> segment_ns{};  // not of a single one
 
-  bool was_touched = false;            // the previous frame showed contact
+  bool is_measured = true;
+  bool is_alone = false;               // rest may change at its end: the next frame must not begin before that
   bool is_zero_followed = false;       // for a live camera on a pad whose forces are measured
   bool is_displacement_given = false;  // given by a caller, with its depth, instead of a camera
 
@@ -42,7 +46,7 @@ class Stage {
   // Loads the tables. Called once if the calibration has one of the kinds declared for the stage. Errors: kBadInput,
   // kRefused.
   [[nodiscard]] virtual Status load(const Calibration& /*calibration*/) { return Unit{}; }
-  // After load(): true if run() writes this slot. A stage that writes no slot is not run.
+  // After load(): true if run() writes or amends this slot. A stage that changes no slot is not run.
   [[nodiscard]] virtual bool writes(Slot /*slot*/) const { return true; }
   // A new rest image is in force: width x height x 3 in 1/16 grey levels. The slots that this stage reads have learned
   // it already.
@@ -52,7 +56,8 @@ class Stage {
   virtual void run(Frame& frame) = 0;
   // Called after run() on request, for a slot that is not computed in every frame.
   virtual void compute(Slot /*slot*/, const Frame& /*frame*/) {}
-  // Sets the validity of the results. All flags that make results invalid are known. May change the other flags
+  // Sets the validity of the results in the frame's last segment (core/stages.h): a stage of an earlier one may not
+  // override it. All flags that make results invalid are known. May change the other flags
   // (kFlagUncalibratedXy, kFlagUncalibratedZ, kFlagWindowBorder).
   virtual void judge(uint32_t& /*flags*/) {}
   // Resets the history of the pad.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 
+#include "core/hand_over.h"
+
 namespace ruffini {
 
 // In stages/<name>/.
@@ -16,6 +18,8 @@ StagePointer make_photometric(const StageContext& context);
 StagePointer make_poisson(const StageContext& context);
 StagePointer make_depth_moments(const StageContext& context);
 StagePointer make_displacement(const StageContext& context);
+StagePointer make_zero(const StageContext& context);
+StagePointer make_depth_validity(const StageContext& context);
 StagePointer make_operator(const StageContext& context);
 StagePointer make_support(const StageContext& context);
 StagePointer make_wrench(const StageContext& context);
@@ -86,18 +90,19 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .make = make_spot_intensities},
     {.name = "light",
      .reads = {kDifference},
-     .reads_if_written = {kMarkers, kTargets, kSlope, kNodeForces},
+     .reads_if_written = {kMarkers, kTargets, kSlope},
      .writes = {kLight},
      .amends = {},
      .sections = "",
      .kind = "photometric",
      .part_of = "difference",
+     .amends_rest = true,
      .make = make_light},
     {.name = "photometric",
      .reads = {kDifference},
      .reads_if_written = {kLight, kMarkers, kTargets},
      .writes = {kSlope},
-     .amends = {kDepth},
+     .amends = {},
      .sections = "depth",
      .kind = "photometric camera",
      .part_of = "",
@@ -130,6 +135,24 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .kind = "photometric camera gauge marker_depth",
      .part_of = "",
      .make = make_displacement},
+    {.name = "zero",
+     .reads = {kDisplacement},
+     .reads_if_written = {kContacts, kWrench, kToolTouch},
+     .writes = {},
+     .amends = {kDisplacement},
+     .sections = "",
+     .kind = "",
+     .part_of = "displacement",
+     .make = make_zero},
+    {.name = "depth_validity",
+     .reads = {kDepth, kSlope},
+     .reads_if_written = {},
+     .writes = {},
+     .amends = {kDepth},
+     .sections = "",
+     .kind = "",
+     .part_of = "poisson",
+     .make = make_depth_validity},
     {.name = "operator",
      .reads = {kDisplacement},
      .reads_if_written = {kLight},
@@ -141,7 +164,7 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .make = make_operator},
     {.name = "support",
      .reads = {kNodeForces},
-     .reads_if_written = {kLight, kDisplacement},
+     .reads_if_written = {kDisplacement},
      .writes = {kResidual},
      .amends = {kNodeForces},
      .sections = "grid window contact field",
@@ -249,7 +272,9 @@ constexpr auto kTable = std::to_array<StageEntry>({
      .part_of = "support",
      .make = make_uncertainty},
 });
-static_assert(kTable.size() <= kMaxStages);
+static_assert(kTable.size() <= kMaxRows);
+static_assert(std::count_if(kTable.begin(), kTable.end(), [](const StageEntry& e) { return e.part_of.empty(); }) <=
+              ptrdiff_t{kMaxStages});
 
 bool is_listed(std::span<const std::string> stages, const StageEntry& entry) {
   const std::string_view name = entry.part_of.empty() ? entry.name : entry.part_of;
@@ -322,6 +347,39 @@ bool is_section_read(std::span<const std::string> stages, std::string_view secti
     return is_listed(stages, entry) && all.find(" " + std::string(section) + " ") != std::string::npos;
   };
   return std::any_of(kTable.begin(), kTable.end(), reads);
+}
+
+std::vector<size_t> segments_of(std::span<const std::string> stages) {
+  std::vector<size_t> out(kTable.size());
+  // The last row that changes each slot; 0: none, as the first one writes Difference, which no other changes.
+  std::array<size_t, kSlotCount> last_change{};
+  std::array<size_t, kSlotCount> writer{};
+  size_t earliest_end = 0;  // the row up to which the current segment reaches at least
+  for (size_t row = 0; row < kTable.size(); ++row) {
+    if (!is_listed(stages, kTable[row])) continue;
+    if (kTable[row].amends_rest) earliest_end = row;
+    for (size_t i = 0; i < kSlotCount; ++i) {
+      const auto slot = static_cast<Slot>(i);
+      if (kTable[row].writes.has(slot)) writer[i] = row;
+      if ((kTable[row].writes | kTable[row].amends).has(slot)) last_change[i] = row;
+    }
+  }
+  bool can_hand_over = true;
+  bool is_first = true;
+  size_t segment = 0;
+  for (size_t row = 0; row < kTable.size(); ++row) {
+    const StageEntry& entry = kTable[row];
+    out[row] = segment;
+    if (!is_listed(stages, entry)) continue;
+    if (!is_first && row > earliest_end && can_hand_over && segment + 1 < kMaxSegments) out[row] = ++segment;
+    is_first = false;
+    can_hand_over = can_hand_over && kHandedOver.has_all(entry.writes | entry.amends);
+    for (size_t i = 0; i < kSlotCount; ++i) {
+      const bool reads = (entry.reads | entry.reads_if_written | entry.amends).has(static_cast<Slot>(i));
+      if (reads && writer[i] > row) earliest_end = std::max(earliest_end, last_change[i]);
+    }
+  }
+  return out;
 }
 
 std::string refuse_stages(std::span<const std::string> stages) {

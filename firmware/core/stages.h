@@ -25,6 +25,8 @@ struct StageEntry {
   std::string_view kind;      // kind of the calibration whose tables it loads (proto/CALIBRATION.md); empty: none
   // Not listed by a board: runs here as part of this stage, and its time counts for that stage
   std::string_view part_of;
+  // Changes the rest image, with which the stages before compare the next picture
+  bool amends_rest = false;
   FeatureSort features{};  // of the slot kFeatures, if it writes that
   StagePointer (*make)(const StageContext&) = nullptr;
 };
@@ -36,6 +38,10 @@ struct StageEntry {
 [[nodiscard]] std::vector<std::string> stage_names();
 // True if one of the listed stages reads this section of board.toml.
 [[nodiscard]] bool is_section_read(std::span<const std::string> stages, std::string_view section);
+// Segments of the listed stages, in order: each can run for a frame while those before it run for the next frame. A
+// segment ends where no stage so far depends on a later one through the previous frame, and where the slots so far are
+// some that can be handed over (core/hand_over.h). Returns for each row of the table its segment, below kMaxSegments.
+[[nodiscard]] std::vector<size_t> segments_of(std::span<const std::string> stages);
 // Returns why a board may not list these stages, in one sentence; empty if it may.
 [[nodiscard]] std::string refuse_stages(std::span<const std::string> stages);
 

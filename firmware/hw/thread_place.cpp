@@ -2,7 +2,9 @@
 
 #include <pthread.h>
 #include <sched.h>
+#include <unistd.h>
 
+#include <bit>
 #include <cerrno>
 #include <cstddef>
 #include <cstdint>
@@ -74,6 +76,18 @@ std::string place_thread(const std::string& role, const ThreadSettings& wanted) 
     }
   }
   return problem;
+}
+
+ThreadPlace thread_place() {
+  ThreadPlace place;
+  sched_param now{};
+  const int policy = ::sched_getscheduler(0);
+  if ((policy == SCHED_FIFO || policy == SCHED_RR) && ::sched_getparam(0, &now) == 0) {
+    place.priority = static_cast<uint32_t>(now.sched_priority);
+  }
+  const uint64_t cpus = own_cpus();
+  if (std::popcount(cpus) < ::sysconf(_SC_NPROCESSORS_ONLN)) place.cpus = cpus;
+  return place;
 }
 
 std::string thread_placement() {

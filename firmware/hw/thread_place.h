@@ -1,6 +1,7 @@
 // Scheduling priority and CPU affinity of a thread: [threads] of board.toml.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "board/hardware_settings.h"
@@ -12,7 +13,13 @@ namespace ruffini {
 // raise it with RLIMIT_RTPRIO.
 [[nodiscard]] std::string place_thread(const std::string& role, const ThreadSettings& wanted);
 
-// Current placement of the calling thread, e.g. "FIFO 45 on CPU 2,3".
+// Current placement of the calling thread.
+struct ThreadPlace {
+  uint32_t priority = 0;  // real-time; 0: none
+  uint64_t cpus = 0;      // mask; 0: all that are online
+};
+[[nodiscard]] ThreadPlace thread_place();
+// The same in words, e.g. "FIFO 45 on CPU 2,3".
 [[nodiscard]] std::string thread_placement();
 
 }  // namespace ruffini

@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <pty.h>
+#include <sys/eventfd.h>
 #include <sys/file.h>
 #include <sys/ioctl.h>
 #include <termios.h>
@@ -11,6 +12,7 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <iterator>
 #include <string_view>
 #include <thread>
 #include <utility>
@@ -74,6 +76,8 @@ Result<SerialPort> SerialPort::open(const std::string& link) {
   if (link.rfind("pty:", 0) == 0) port.symlink_ = link.substr(4);
   Status opened = link == "pty" || !port.symlink_.empty() ? port.open_pty() : port.open_device();
   if (!opened) return opened.error();
+  port.wake_.reset(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
+  if (!port.wake_) return unavailable(link, "make an eventfd for");
   return port;
 }
 
@@ -148,8 +152,16 @@ int SerialPort::write(std::span<const uint8_t> bytes) {
 }
 
 void SerialPort::wait(bool is_writing, int timeout_ms) {
-  pollfd wait{fd_.get(), static_cast<short>(POLLIN | (is_writing ? POLLOUT : 0)), 0};
-  ::poll(&wait, 1, timeout_ms);
+  pollfd waits[] = {{fd_.get(), static_cast<short>(POLLIN | (is_writing ? POLLOUT : 0)), 0}, {wake_.get(), POLLIN, 0}};
+  ::poll(waits, std::size(waits), timeout_ms);
+  uint64_t n_wakes = 0;
+  if ((waits[1].revents & POLLIN) != 0) (void)!::read(wake_.get(), &n_wakes, sizeof n_wakes);
+}
+
+// Fails only if 2^64 - 2 wakes are pending, so that wait() ends anyhow.
+void SerialPort::wake() {
+  constexpr uint64_t kOne = 1;
+  (void)!::write(wake_.get(), &kOne, sizeof kOne);
 }
 
 UniqueFd SerialPort::open_slave() const {

@@ -30,6 +30,7 @@ class SerialPort final : public Link {
   int read(std::span<uint8_t> out) override;
   int write(std::span<const uint8_t> bytes) override;
   void wait(bool is_writing, int timeout_ms) override;
+  void wake() override;
   [[nodiscard]] bool has_unsent() const override;
   bool reopen() override;
 
@@ -41,6 +42,7 @@ class SerialPort final : public Link {
   [[nodiscard]] bool is_stale() const;
 
   UniqueFd fd_;
+  UniqueFd wake_;           // eventfd; never reopened, because another thread writes to it
   std::string slave_path_;  // empty for a device. Only hosts hold it open, so that the last close hangs up the line
   std::string link_;
   std::string host_path_;

@@ -4,6 +4,7 @@
 #include <pb_encode.h>
 
 #include <algorithm>
+#include <bit>
 #include <cstring>
 
 #include "link/messages.h"
@@ -252,6 +253,7 @@ void Session::report_trial(ruffini_Reply& reply) const {
 }
 
 void Session::subscribe(const ruffini_Subscribe& request) {
+  latency_.reset();
   for (auto& every : exchange_.every) every = 0;
   for (pb_size_t i = 0; i < request.subscriptions_count; ++i) {
     const ruffini_Subscription& s = request.subscriptions[i];
@@ -299,6 +301,7 @@ Session::Outgoing& Session::newest(uint8_t type) {
   slot.is_full = true;
   slot.needs_framing = false;
   slot.order = order_++;
+  slot.exposed_us = 0;
   return slot;
 }
 
@@ -308,8 +311,14 @@ void Session::take_telemetry() {
       std::any_of(telemetry_.begin(), telemetry_.end(), [](const Outgoing& o) { return o.is_full; })) {
     return;
   }
-  const auto slot_of = [this](uint8_t type) { return &newest(type).bytes; };
-  while (exchange_.telemetry.pop(slot_of, 1)) {
+  TelemetryHead::Bytes bytes{};
+  const auto slot = [&] {
+    const auto head = std::bit_cast<TelemetryHead>(bytes);
+    Outgoing& out = newest(static_cast<uint8_t>(head.type));
+    out.exposed_us = head.exposed_us;
+    return &out.bytes;
+  };
+  while (exchange_.telemetry.pop(bytes, slot)) {
     if (identity_.is_lossless) return;
   }
 }
@@ -328,6 +337,7 @@ void Session::poll(uint64_t now_us) {
   }
   watch_camera(now_us);
   watch_zero(now_us);
+  watch_rate(now_us);
   take_telemetry();
 }
 
@@ -368,6 +378,24 @@ void Session::watch_zero(uint64_t now_us) {
              "clear the pad, steady the light and zero again");
 }
 
+void Session::watch_rate(uint64_t now_us) {
+  const uint32_t divisor = exchange_.rate_divisor;
+  if (divisor == rate_divisor_) return;
+  rate_divisor_ = divisor;
+  if (divisor == 1) {
+    send_event(now_us, ruffini_Event_Severity_SEVERITY_INFO, "rate_restored",
+               "every frame of the camera is used again");
+    return;
+  }
+  const bool is_throttled = (exchange_.throttled & kClockLowered) != 0;
+  send_event(
+      now_us, ruffini_Event_Severity_SEVERITY_WARNING, "rate_halved",
+      std::string("every second frame of the camera is left out: ") +
+          (is_throttled ? "the computer lowers its clock (too warm, or short of power): cool it, or see its supply"
+                        : "a frame takes longer than the camera's interval: a faster computer, a smaller "
+                          "picture or a lower camera.rate_mhz gives all"));
+}
+
 // Before frames arrive again, a finger may lie on the pad; it must not become part of the rest image.
 void Session::cancel_zero(uint64_t now_us) {
   has_cancelled_zero_ = true;
@@ -400,11 +428,14 @@ void Session::consumed(size_t n_bytes) {
   if (written_ == 0) begin_writing();
   written_ += n_bytes;
   bytes_sent_ += n_bytes;
-  if (written_ == writing_.size()) written_ = 0;
+  if (written_ < writing_.size()) return;
+  written_ = 0;
+  if (exposed_us_ != 0) latency_.add(exposed_us_, clock_.now_us());
 }
 
 // Takes the message offered by pending().
 void Session::begin_writing() {
+  exposed_us_ = offered_ == nullptr ? 0 : offered_->exposed_us;
   if (offered_ == nullptr) {
     replies_.pop_front();
     ++sequence_;
@@ -426,8 +457,8 @@ void Session::reset_line() {
   writing_.clear();
   replies_.clear();
   for (auto& every : exchange_.every) every = 0;
-  const auto any = [this](uint8_t) { return &writing_; };
-  for (; exchange_.telemetry.pop(any, 1); writing_.clear()) ++n_dropped_on_hang_up_;
+  while (exchange_.telemetry.pop(writing_)) ++n_dropped_on_hang_up_;
+  writing_.clear();
   for (Outgoing& slot : telemetry_) {
     n_dropped_on_hang_up_ += slot.is_full ? 1 : 0;
     slot.is_full = false;

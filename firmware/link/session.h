@@ -16,6 +16,7 @@
 #include "link/calibrator.h"
 #include "link/exchange.h"
 #include "link/frame_codec.h"
+#include "link/line_latency.h"
 #include "link/stall_watch.h"
 #include "ruffini.pb.h"
 #include "store/last_run.h"
@@ -33,6 +34,7 @@ struct DeviceIdentity {
   bool is_lossless = false;  // lockstep: telemetry waits instead of being replaced
   std::optional<LastRun> last_run{};
   bool is_safe_mode = false;
+  bool is_memory_locked = false;  // no page of the daemon leaves memory
 };
 
 class Session {
@@ -57,6 +59,7 @@ class Session {
     bool is_full = false;
     bool needs_framing = false;  // created by the session: not split into frames yet
     uint64_t order = 0;
+    uint64_t exposed_us = 0;  // TelemetryHead
   };
 
   // Message created by the session. It is split into frames when it is sent.
@@ -89,10 +92,12 @@ class Session {
   void watch_camera(uint64_t now_us);
   void cancel_zero(uint64_t now_us);
   void watch_zero(uint64_t now_us);
+  void watch_rate(uint64_t now_us);
   void send_stale_wrench();
   void report_network(ruffini_Status& m) const;
   void report_last_run(ruffini_Status& m) const;
   void report_health(ruffini_Status& m, uint64_t n_frames);
+  void report_latency(ruffini_Status& m) const;
   void send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message);
   [[nodiscard]] static std::vector<uint8_t> serialize_message(const pb_msgdesc_t* fields, const void* message);
   void frame(ruffini_MessageType type, std::span<const uint8_t> payload);
@@ -122,7 +127,8 @@ class Session {
   bool is_stalled_ = false;
   bool has_cancelled_zero_ = false;  // during this stall
   uint32_t refused_zeros_ = 0;
-  uint64_t stale_us_ = 0;  // time of the last stale wrench
+  uint32_t rate_divisor_ = 1;  // last reported
+  uint64_t stale_us_ = 0;      // time of the last stale wrench
   uint64_t started_us_ = 0;
   bool is_status_requested_ = false;
   uint64_t status_us_ = 0;  // time of the last one
@@ -141,6 +147,8 @@ class Session {
   std::vector<uint8_t> writing_;
   Outgoing* offered_ = nullptr;  // returned by the last pending(); nullptr: a reply, or nothing
   size_t written_ = 0;           // of `writing_`; 0: no frame has been begun
+  uint64_t exposed_us_ = 0;      // of `writing_`, as in TelemetryHead
+  LineLatency latency_;          // since the last subscription
 };
 
 }  // namespace ruffini

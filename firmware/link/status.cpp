@@ -165,6 +165,9 @@ void Session::report_health(ruffini_Status& m, uint64_t n_frames) {
   if ((m.missed_deadlines - status_late_) * 100 > n_frames) m.health |= ruffini_HealthBit_HEALTH_LATE;
   status_late_ = m.missed_deadlines;
   m.throttled = exchange_.throttled;
+  m.rate_divisor = exchange_.rate_divisor;
+  m.frames_left_out = exchange_.frames_left_out;
+  if (m.rate_divisor != 1) m.health |= ruffini_HealthBit_HEALTH_RATE;
   if ((m.throttled & kThrottledNow) != 0) m.health |= ruffini_HealthBit_HEALTH_THROTTLED;
   if (exchange_.has_light_fault) m.health |= ruffini_HealthBit_HEALTH_LIGHT;
   m.zero_moved_nm = exchange_.zero_moved_nm;
@@ -172,6 +175,20 @@ void Session::report_health(ruffini_Status& m, uint64_t n_frames) {
   m.reflex = static_cast<ruffini_ReflexState>(exchange_.reflex.load());
   m.reflex_trips = exchange_.reflex_trips;
   if (exchange_.reflex == ReflexState::kFailed) m.health |= ruffini_HealthBit_HEALTH_REFLEX;
+}
+
+// Latency of the line, and what other work on this computer can delay.
+void Session::report_latency(ruffini_Status& m) const {
+  m.has_line_latency = true;
+  m.line_latency.n_frames = latency_.n_frames();
+  m.line_latency.p50_us = latency_.percentile_us(500);
+  m.line_latency.p99_us = latency_.percentile_us(990);
+  m.line_latency.p999_us = latency_.percentile_us(999);
+  m.line_latency.max_us = latency_.max_us();
+  m.has_scheduling = true;
+  m.scheduling.priority = exchange_.frame_priority;
+  m.scheduling.cpus = exchange_.frame_cpus;
+  m.scheduling.is_memory_locked = identity_.is_memory_locked;
 }
 
 void Session::send_status(uint64_t now_us) {
@@ -231,6 +248,7 @@ void Session::send_status(uint64_t now_us) {
   report_network(m);
   report_last_run(m);
   report_health(m, n);
+  report_latency(m);
   m.development_key = active.is_present && active.signer.is_development_key;
   copy_bytes(m.calibration_sha256, active.sha256);
   status_us_ = now_us;

@@ -50,7 +50,8 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, GridSi
   out.residual_.resize(size);
   out.all_.resize(size);
   std::iota(out.all_.begin(), out.all_.end(), 0U);
-  for (auto* values : {&out.weight_, &out.b_, &out.y_, &out.r_, &out.v_, &out.z_, &out.p_, &out.image_}) {
+  for (auto* values :
+       {&out.weight_, &out.b_, &out.evidence_, &out.y_, &out.r_, &out.v_, &out.z_, &out.p_, &out.image_}) {
     values->reserve(size);
   }
   return out;
@@ -104,6 +105,7 @@ void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce>
     y_[i] = round_shift(weight_[i] * y, ContactMask::kFraction);
     b_[i] = wide_[index_[i]];
   }
+  evidence_.assign(b_.begin(), b_.end());
 }
 
 // H (beyond / d) at all nodes, since the finite-strain part is not zero outside the support.

@@ -56,6 +56,9 @@ class SupportSolver {
   void run(std::span<const int16_t> u, std::span<const NodeForce> beyond, std::span<const uint8_t> mask,
            int64_t threshold_lsb, std::span<NodeForce> force, SaturationCounter& saturations);
 
+  // `project` u of the last run(), x, y, z of each node of its mask in node order, Q14.
+  [[nodiscard]] std::span<const int64_t> evidence() const { return evidence_; }
+
   // Selects the unknowns whose r run() computes; each at most once. Allocates.
   void watch(std::span<const uint32_t> unknowns);
   // Writes r of the last run(), in the order of watch(), in 1/64 standard deviation.
@@ -98,6 +101,7 @@ class SupportSolver {
   std::vector<int64_t> residual_;  // all unknowns
   std::vector<int64_t> weight_;
   std::vector<int64_t> b_;
+  std::vector<int64_t> evidence_;  // b without the finite-strain part
   std::vector<int64_t> y_;
   std::vector<int64_t> r_;
   std::vector<int64_t> v_;

@@ -19,12 +19,22 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
+class Figure:
+    """One number of an experiment. method : the paper's own method on the same presses; paper : printed; None: none."""
+
+    ours: float
+    method: float | None = None
+    paper: float | None = None
+
+
+@dataclass(frozen=True)
 class Experiment:
-    """What came out: numbers for --json, text for a person, pictures on disk."""
+    """What came out: numbers for --json, text for a person, pictures on disk, the figures of wanted.toml."""
 
     result: dict[str, Any]
     text: str
     pictures: list[Path]
+    figures: dict[str, Figure]
 
 
 @dataclass(frozen=True)
@@ -52,7 +62,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     try:
         module = importlib.import_module(f"papers.{method}.experiment")
     except ModuleNotFoundError as error:
-        if error.name != f"papers.{method}.experiment":
+        if error.name not in (f"papers.{method}", f"papers.{method}.experiment"):
             raise
         raise InputError(
             f"the experiment of board {board.name!r} is not written: its paper's method is judged by "

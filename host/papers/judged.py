@@ -10,7 +10,7 @@ import importlib
 import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -45,14 +45,16 @@ WITHIN = 0.2  # of the paper's figure, what counts as reproduced
 class Frozen:
     """frozen.toml: what the twin was when the method was judged on it, what came out, and why some of it is far off.
 
-    digest : of the bench, the twin and its board; is_quick : of the quick subset; beyond : a reason for each figure
-    that is not within 20 % of the paper's, or was not judged.
+    digest : of the bench, the twin and its board; is_quick : figures are of the quick subset; beyond : a reason for
+    each of them that is not within 20 % of the paper's, or was not judged; ours, ours_quick : of the experiment.
     """
 
     digest: str
     is_quick: bool
     figures: dict[str, float]
     beyond: dict[str, str]
+    ours: dict[str, float] = field(default_factory=dict)
+    ours_quick: dict[str, float] = field(default_factory=dict)
 
 
 def load_frozen(board: Board) -> Frozen | None:
@@ -68,7 +70,8 @@ def load_frozen(board: Board) -> Frozen | None:
         return None
     try:
         tree = tomllib.loads(readable(path).read_text("utf-8"))
-        return Frozen(str(tree["digest"]), bool(tree["quick"]), dict(tree["figures"]), dict(tree.get("beyond", {})))
+        parts = (dict(tree.get(name, {})) for name in ("beyond", "ours", "ours_quick"))
+        return Frozen(str(tree["digest"]), bool(tree["quick"]), dict(tree["figures"]), *parts)
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{path} is not as it should be ({error}): make it with ruffini reproduce --only method --freeze"
@@ -86,16 +89,36 @@ def freeze(board: Board, result: dict[str, Any]) -> Path:
     before = load_frozen(board)
     figures = {row["name"]: row["twin"] for row in result["rows"] if row["twin"] is not None}
     reasons = {name: text for name, text in (before.beyond if before else {}).items() if name in _beyond(result)}
+    ours = (before.ours, before.ours_quick) if before else ({}, {})
+    return _write(board, Frozen(digest(board), bool(result["quick"]), figures, reasons, *ours))
+
+
+def freeze_ours(board: Board, figures: dict[str, float], *, quick: bool) -> Path:
+    """Write our figures of an experiment into the board's frozen.toml; all else in it stays.
+
+    Raises
+    ------
+    InputError
+        The paper's method was not frozen before, or the file cannot be written.
+    """
+    before = load_frozen(board)
+    if before is None:
+        raise InputError(f"board {board.name!r} has no frozen.toml: run --only method --freeze first")
+    return _write(board, replace(before, ours_quick=figures) if quick else replace(before, ours=figures))
+
+
+def _write(board: Board, frozen: Frozen) -> Path:
     lines = [
-        "# Written by `ruffini reproduce --only method --freeze`; the reasons of [beyond] by hand.",
-        f'digest = "{digest(board)}"',
-        f"quick = {json.dumps(result['quick'])}",
-        "",
-        "[figures]",
-        *(f"{json.dumps(name)} = {value:.4g}" for name, value in figures.items()),
+        "# Written by `ruffini reproduce --freeze`; the reasons of [beyond] by hand.",
+        f'digest = "{frozen.digest}"',
+        f"quick = {json.dumps(frozen.is_quick)}",
     ]
-    if reasons:
-        lines += ["", "[beyond]", *(f"{json.dumps(name)} = {json.dumps(text)}" for name, text in reasons.items())]
+    for name in ("figures", "ours", "ours_quick"):
+        values = getattr(frozen, name)
+        if values or name == "figures":
+            lines += ["", f"[{name}]", *(f"{json.dumps(key)} = {value:.4g}" for key, value in values.items())]
+    if frozen.beyond:
+        lines += ["", "[beyond]", *(f"{json.dumps(key)} = {json.dumps(text)}" for key, text in frozen.beyond.items())]
     path = (board.folder or Path()) / "frozen.toml"
     write_whole(path, ("\n".join(lines) + "\n").encode())
     return path

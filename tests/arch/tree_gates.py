@@ -152,7 +152,8 @@ def firmware_layers(root: Path) -> list[str]:
     return found
 
 
-OF_THE_DAEMON = ("base/mailbox.h", "base/unique_fd.h")  # threads and descriptors: no file of the core includes them
+# Threads and descriptors: no file of the core includes them.
+OF_THE_DAEMON = ("base/mailbox.h", "base/sleepers.h", "base/turnstile.h", "base/unique_fd.h")
 
 
 def core_headers(root: Path) -> list[str]:

@@ -14,6 +14,8 @@ machine. The times are estimates, not measurements: instructions over clock and 
 instructions a cycle as such cores reach on integer vector code. Beside them bytes of tables and pictures over
 what the memory is stated to give at best, and products of tables over what the core multiplies at best, both as if the
 whole pad were touched. The frame is the largest of the three, as if each hid behind the others.
+Energy is an estimate, too: of the instructions and of the lines fetched from memory, with energies that others
+published (INSTRUCTION_NJ, LINE_NJ), beside what a USB 2.0 port gives.
 """
 
 from __future__ import annotations
@@ -44,16 +46,26 @@ MEMORY = (3.6, 12.8, 17.1)
 # int16 products a cycle into int32: one SMLAL of four lanes, as Arm's optimization guides of A72 and A76 have it; of
 # the A53 there is none, and the same is assumed.
 PRODUCTS = 4
+# Energy of an instruction of a Cortex-A53 at the board's supply, regulator and memory included: four such cores of a
+# Raspberry Pi 3B take 0.85 A under stress and 0.30 A at rest, of 5.1 V at 1.2 GHz (raspberrypi/documentation,
+# power-supplies.adoc, 025e1ad), divided by CORES' instructions a cycle. A Pi Zero 2 W has the same cores at 1.0 GHz.
+INSTRUCTION_NJ = (0.85 - 0.30) * 5.1 / (4 * 1.2) / CORES[0][2]
+# Energy of a line of 64 bytes from memory: 2.6 nJ per 64 bits, the upper end of 1.3 to 2.6 (M. Horowitz, "Computing's
+# energy problem", ISSCC 2014).
+LINE_NJ = 8 * 2.6
+USB_MW = 2500.0  # of a USB 2.0 port: 0.5 A of 5 V
+RATES_HZ = (30, 60)
 SOLVER_STEPS = 9  # SupportSolver: kRounds (kSteps + 1)
 # Bytes of a pixel through camera memory, copy, difference (rest and its reciprocal, change, grey) and photometric.
 PIXEL_BYTES = 3 + 3 + 3 + (6 + 6 + 6 + 2) + 6
 # In the order of benchmarks.py's frame path; light is what follows the light, uncertainty the error model.
 STAGES = (
     "difference", "markers", "light", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "contacts", "uncertainty",
+    "zero", "depth_validity", "operator", "support", "wrench", "contacts", "uncertainty",
 )  # fmt: skip
 FRAMES = ("untouched", "touched", "next")
 SECTION = "## Instructions of one frame"
+ENERGY_SECTION = "## Energy of one frame"
 SHOWN = 0.7e6  # instructions of a stage at either size, from which on the document has a row of it
 # The code that the figures depend on: commits of anything else change none.
 JUDGED = ("firmware", "host/ruffini", "boards/gelslim", "CMakeLists.txt", ".ci/aarch64.cmake",
@@ -138,6 +150,8 @@ def main() -> None:
         text = arguments.table.read_text()
         for row in document_rows(counted):
             text = with_row(text, f"{row} {at} | {date} |", SECTION, columns(counted))
+        for row in energy_rows(counted):
+            text = with_row(text, f"{row} {at} | {date} |", ENERGY_SECTION, energy_columns(counted))
         write_whole(arguments.table, text.encode())
 
 
@@ -162,6 +176,35 @@ def document_rows(counted: dict[str, Frames]) -> list[str]:
             out.append(f"| {stage} | {' | '.join(cells(*pair) for pair in of_sizes)} |")
     whole = [(list(frames["untouched"].values()), list(frames["touched"].values())) for frames in counted.values()]
     return [*out, f"| **frame** | {' | '.join(cells(*pair) for pair in whole)} |"]
+
+
+def energy_mj(stretches: list[Stretch]) -> float:
+    """ESTIMATED energy of a part of a frame on a Pi Zero 2 W."""
+    return sum(s.instructions * INSTRUCTION_NJ + s.l2_lines * LINE_NJ for s in stretches) * 1e-6
+
+
+def energy_columns(counted: dict[str, Frames]) -> list[str]:
+    of_size = ("mJ", *(f"mW at {rate} Hz" for rate in RATES_HZ), f"of {USB_MW / 1e3:g} W")
+    return ["stage", *(f"{name}: {what}" for name in counted for what in of_size), "commit", "date"]
+
+
+def energy_rows(counted: dict[str, Frames]) -> list[str]:
+    """As document_rows: the same stages, the touched frame."""
+    out = []
+    for stage in STAGES:
+        stretches = [frames[frame][stage] for frames in counted.values() for frame in ("untouched", "touched")]
+        if max(s.instructions for s in stretches) >= SHOWN:
+            parts = [energy_cells([frames["touched"][stage]]) for frames in counted.values()]
+            out.append(f"| {stage} | {' | '.join(parts)} |")
+    whole = [energy_cells(list(frames["touched"].values())) for frames in counted.values()]
+    return [*out, f"| **frame** | {' | '.join(whole)} |"]
+
+
+def energy_cells(stretches: list[Stretch]) -> str:
+    """Four cells: millijoules of a frame, milliwatts at each rate, share of a USB port's power at the last."""
+    energy = energy_mj(stretches)
+    powers = [energy * rate for rate in RATES_HZ]
+    return f"{energy:.2f} | {' | '.join(f'{mw:.0f}' for mw in powers)} | {powers[-1] / USB_MW:.0%}"
 
 
 def cells(untouched: list[Stretch], touched: list[Stretch]) -> str:
@@ -229,6 +272,12 @@ def report(binary: Path, folder: Path, n_functions: int) -> Frames:
     print(f"  {'sum':14}" + "".join(f"{n / 1e3:10.1f}" for n in sums) + f"{share(sums[0], sums[1]):>21}")
     if n_functions:
         print_functions(frames["touched"], n_functions)
+    print(f"{folder.name}: ESTIMATED energy of the touched frame, Pi Zero 2 W; of a USB port's {USB_MW / 1e3:g} W")
+    parts = {stage: [touched] for stage, touched in frames["touched"].items()}
+    for stage, stretches in {**parts, "sum": list(frames["touched"].values())}.items():
+        mj = energy_mj(stretches)
+        powers = "".join(f"{mj * rate:8.0f} mW at {rate} Hz" for rate in RATES_HZ)
+        print(f"  {stage:14}{mj:9.2f} mJ{powers}{mj * RATES_HZ[-1] / USB_MW:8.1%}")
     counts = {stage: stretch.instructions for stage, stretch in frames["touched"].items()}
     counts["sum"] = sum(counts.values())
     print(f"{folder.name}: ESTIMATED milliseconds of the touched frame")

@@ -63,7 +63,7 @@ void frame(benchmark::State& state, const Input& input) {
   MessageEncoder encoder(*path, 0);
   size_t n_bytes = 0;
   const auto count = [&](ruffini_MessageType, std::span<const uint8_t> bytes) { n_bytes += bytes.size(); };
-  std::vector<std::vector<uint64_t>> stage_ns(kMaxStages);
+  std::vector<std::vector<uint64_t>> stage_ns(kMaxRows);
   std::vector<uint64_t> encode_ns;
   std::vector<uint64_t> frame_ns;
   FrameStamp stamp;
@@ -83,7 +83,7 @@ void frame(benchmark::State& state, const Input& input) {
     const uint64_t end = now_ns();
     encode_ns.push_back(end - processed);
     frame_ns.push_back(end - start);
-    for (size_t i = 0; i < kMaxStages; ++i) stage_ns[i].push_back(s.stage_ns[i]);
+    for (size_t i = 0; i < kMaxRows; ++i) stage_ns[i].push_back(s.stage_ns[i]);
   }
   for (const std::string& name : stage_names()) state.counters[name] = median(stage_ns[stage_row(name)]);
   state.counters["packets"] = median(encode_ns);

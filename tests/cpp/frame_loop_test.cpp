@@ -178,7 +178,7 @@ class SlowCamera : public Camera {
   uint64_t n_ = 0;
 };
 
-Kernel run_daemon(uint64_t n_frames, bool plants) {
+Kernel run_daemon(uint64_t n_frames, bool plants, bool does_host_read = true) {
   struct sigaction action{};
   action.sa_sigaction = on_call;
   action.sa_flags = SA_SIGINFO;
@@ -219,7 +219,7 @@ Kernel run_daemon(uint64_t n_frames, bool plants) {
   mailbox_end = mailbox_begin + sizeof(Daemon);
   std::thread reader([&] {
     std::vector<uint8_t> bytes(65'536);
-    while (::read(host, bytes.data(), bytes.size()) > 0) continue;
+    while (does_host_read && ::read(host, bytes.data(), bytes.size()) > 0) continue;
   });
   std::atomic<bool> is_over{false};
   std::thread holder([&] {  // of the planted lock
@@ -232,9 +232,17 @@ Kernel run_daemon(uint64_t n_frames, bool plants) {
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
   });
-  const std::atomic<bool> stop{false};
+  std::atomic<bool> stop{false};
+  std::thread stopper([&] {  // the end of a line that takes nothing is waited for
+    while (!does_host_read && exchange.frames_processed < n_frames) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    stop = !does_host_read;
+  });
   daemon->run(stop);
+  stopper.join();
   is_over = true;
+  EXPECT_TRUE(does_host_read || exchange.telemetry_dropped > n_frames) << "three messages a frame, of which one waits";
   holder.join();
   EXPECT_EQ(exchange.frames_processed, n_frames);
   EXPECT_EQ(exchange.frames_overrun, 0U);
@@ -259,6 +267,16 @@ TEST(FrameLoop, TroublesTheKernelNoMoreThanToSleepAndToBeWoken) {
   EXPECT_EQ(out.lock_waits, 0U);
   EXPECT_EQ(out.minor_faults, 0);
   EXPECT_EQ(out.major_faults, 0);
+}
+
+TEST(FrameLoop, AHostThatDoesNotReadTakesNothingOfTheFrameThread) {
+  if (!kCanCount) GTEST_SKIP() << "system calls are counted on x86-64 and aarch64";
+  constexpr uint64_t kFrames = 1'000;
+  const Kernel out = run_daemon(kFrames, false, false);
+  EXPECT_LE(out.calls, 3 * kFrames);
+  EXPECT_GE(out.calls, kFrames / 2) << "the thread never slept: nothing was counted";
+  EXPECT_EQ(out.lock_waits, 0U);
+  EXPECT_EQ(out.minor_faults, 0);
 }
 
 TEST(FrameLoop, PlantedCallsPagesAndLocksAreSeen) {

@@ -1,7 +1,7 @@
 // The frame thread allocates nothing: the real daemon, over a real pty, with every message subscribed.
 //
 // malloc and its relatives are replaced; they count what the frame thread asks for while it is in its
-// loop. The frame thread is known by the clock that only the frame path calls.
+// loop. The frame threads are known by the clock that only the frame path calls.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -65,7 +65,7 @@ constexpr uint64_t kWarmFrames = 20;  // rest is learned, every branch was taken
 std::atomic<uint64_t> clock_calls{0};
 std::atomic<bool> is_warm{false};  // the next frame waits for it: allocations count from here
 
-// Called by the frame thread alone, several times a frame.
+// Called by the frame threads alone, several times a frame.
 uint64_t watching_clock() {
   is_watched = true;
   if (plants_allocation.exchange(false)) {
@@ -200,6 +200,15 @@ TEST(FrameThread, AllocatesNothingInAThousandFramesWithEverythingSubscribed) {
                           ruffini_MessageType_MESSAGE_TYPE_RESIDUAL}) {
     EXPECT_EQ(out.messages[static_cast<size_t>(type)], kFrames) << type;
   }
+}
+
+TEST(FrameThread, AllocatesNothingOnTwoCores) {
+  test::Scene scene = test::dots();
+  scene.board.n_cores = 2;
+  const Outcome out = run_daemon(scene, false);
+  EXPECT_EQ(out.frames, kFrames);
+  EXPECT_EQ(out.allocations, 0U);
+  EXPECT_GT(out.largest_field, out.smallest_field + 50) << "no contact was seen: the second pass did not run";
 }
 
 TEST(FrameThread, AllocatesNothingOnASkinWithTwoTouches) {

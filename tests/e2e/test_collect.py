@@ -217,6 +217,8 @@ def test_machine_or_camera_that_fails_in_the_middle(
             threading.Thread(target=speak, daemon=True).start()
 
         def stand_still(_: int) -> None:
+            assert simulated.clock is not None
+            simulated.clock.without_frames()
             goes_on.wait()
 
         def speak() -> None:

@@ -1,12 +1,17 @@
 """A pad of a MuJoCo world through the twin's camera, the real daemon and the public client; then the cable is loose."""
 
+import csv
 import os
 import signal
 import sys
+import threading
 import time
+from pathlib import Path
 
 import pytest
 from hang import until
+from test_bad_input import run_host
+from test_lerobot import camera, plugin  # noqa: F401
 from tiny_sensor import ROOT
 from tiny_twin import Twin
 
@@ -68,3 +73,45 @@ def test_the_daemon_feels_the_world_and_its_end_holds_the_grip(live: Live) -> No
         for _ in range(20):  # the world goes on under the last command
             live.step()
         assert abs(live.world.data.qpos - before).max() < 1e-4
+
+
+@pytest.fixture
+def pressed(live: Live):
+    """It goes on by itself, and the ball rests on the pad."""
+    live.world.data.ctrl[2] = -PRESS_N
+    is_over = threading.Event()
+
+    def go_on() -> None:
+        while not is_over.is_set():
+            live.step()
+
+    thread = threading.Thread(target=go_on)
+    thread.start()
+    yield live
+    is_over.set()
+    thread.join()
+
+
+def test_what_reads_hardware_reads_a_pad_of_a_world(pressed: Live, plugin, tmp_path: Path) -> None:  # noqa: F811
+    """LeRobot's camera, `ruffini record` with ROS 2 messages, and `ruffini export`."""
+    port = pressed.ports["pad"]
+    with camera(plugin, port) as cam:
+        cam.connect()
+
+        def is_felt() -> bool:
+            cam.async_read(10_000)
+            return cam.touch.wrench[2] < -0.8 * PRESS_N
+
+        until(is_felt, "the press")
+        assert cam.touch.is_simulated
+    mcap, table = tmp_path / "episode.mcap", tmp_path / "episode.csv"
+    code, _, error = run_host("--port", port, "record", str(mcap), "--n", "8", "--json")
+    assert code == 0, error
+    code, _, error = run_host("export", str(mcap), "--out", str(table), "--json")
+    assert code == 0, error
+    with table.open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 8
+    assert {row["is_simulated"] for row in rows} == {"1"}
+    assert float(rows[-1]["force_z_n"]) == pytest.approx(-PRESS_N, abs=0.05 + 0.15 * PRESS_N)
+    assert b"geometry_msgs" in mcap.read_bytes()

@@ -14,8 +14,9 @@ from tiny_sensor import Sensor, start, write_board
 
 from ruffini.boards import find_board
 from ruffini.daemon import find_daemon
+from ruffini.device import Connection
 
-PR_CAPBSET_DROP, CAP_SYS_NICE = 24, 23  # linux/prctl.h, linux/capability.h
+PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23  # linux/prctl.h, linux/capability.h
 
 
 def asking(tmp_path: Path, sensor: Sensor, threads: str) -> Sensor:
@@ -54,6 +55,10 @@ def test_each_thread_is_where_its_board_wants_it(sensor: Sensor, tmp_path: Path)
         until(lambda: os.sched_getaffinity(found["frame"]) == {cpus[0]}, "the frame thread's place")
         assert os.sched_getaffinity(found["link"]) == set(cpus)
         assert os.sched_getscheduler(found["link"]) == os.SCHED_OTHER
+        with Connection(daemon.port) as host:
+            place = host.status().scheduling
+        assert (place.priority, place.is_memory_locked) == (11 if is_allowed else 0, False)
+        assert place.cpus == (1 << cpus[0] if (os.cpu_count() or 1) > 1 else 0)
         if not is_allowed:
             pytest.skip("the kernel grants no real-time priority here: places alone were looked at")
         for role, priority in (("capture", 12), ("frame", 11)):
@@ -94,3 +99,27 @@ def test_the_doctor_tells_threads_with_the_remedy(sensor: Sensor, tmp_path: Path
         lines[at + 1].strip().startswith("thread frame: real-time priority 45 cannot be had (Operation not permitted)")
     )
     assert "LimitRTPRIO=45" in lines[at + 1]
+
+
+def no_locked_memory() -> None:
+    """For the program that comes next, as no_real_time."""
+    resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
+    ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, CAP_IPC_LOCK)
+
+
+def test_memory_that_cannot_be_locked_is_said_and_the_sensor_runs(sensor: Sensor, tmp_path: Path) -> None:
+    command = [
+        str(find_daemon()), "--board", str(sensor.folder), "--camera", f"replay:{sensor.recording}",
+        "--link", "pty", "--store", str(tmp_path), "--loop", "--lock-memory",
+    ]  # fmt: skip
+    pipe = subprocess.PIPE
+    daemon = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, preexec_fn=no_locked_memory)
+    try:
+        assert daemon.stdout is not None
+        assert daemon.stderr is not None
+        with Connection(daemon.stdout.readline().removeprefix("link: ").strip()) as host:
+            assert not host.status().scheduling.is_memory_locked
+        assert daemon.stderr.readline().startswith("ruffinid: --lock-memory: not allowed")
+    finally:
+        daemon.kill()
+        daemon.communicate()

@@ -213,9 +213,7 @@ class Device {
     for (uint8_t type = 0; type < kMessageTypes; ++type) {
       encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, view(pressed_), {},
                       [&](ruffini_MessageType, std::span<const uint8_t> frames) {
-                        Bytes message = {type};
-                        message.insert(message.end(), frames.begin(), frames.end());
-                        if (!exchange_.telemetry.push(message)) fail("the telemetry ring is full");
+                        if (!exchange_.push_telemetry({0, type}, frames)) fail("the telemetry ring is full");
                       });
     }
     // Trials end well, end badly, and are still running when the next file comes.

@@ -198,12 +198,10 @@ class Device {
 
   void telemetry(Input& in) {
     const auto type = static_cast<ruffini_MessageType>(4 + in.u8() % 6);
-    Bytes message = {static_cast<uint8_t>(type)};
     const Bytes content = in.bytes(in.u8());
     Bytes frames(frames_bound(content.size()));
     frames.resize(write_frames(type, 0, 0, n_sent_++, content, frames));
-    message.insert(message.end(), frames.begin(), frames.end());
-    (void)exchange_.telemetry.push(message);
+    (void)exchange_.push_telemetry({n_sent_, static_cast<uint64_t>(type)}, frames);
   }
 
   void read(size_t n_bytes) {

@@ -29,6 +29,13 @@ TEST(Simulation, TheSameSeedGivesTheSameEventsByteForByte) {
   EXPECT_EQ(simulate(sensor(), 5, kMinuteUs, false).hash, first.hash) << "with or without text";
 }
 
+// Its steps run in one thread, segment by segment.
+TEST(Simulation, TwoCoresGiveTheEventsOfOne) {
+  TinySensor two = sensor();
+  two.board.n_cores = 2;
+  EXPECT_EQ(simulate(two, 5, kMinuteUs, true).text, simulate(sensor(), 5, kMinuteUs, true).text);
+}
+
 // A fault that never comes proves nothing.
 TEST(Simulation, EveryFaultComesAndTheDeviceStillWorks) {
   constexpr uint64_t kSeeds = 40;

@@ -198,7 +198,8 @@ class World {
   }
   [[nodiscard]] uint64_t frames_waiting() const {
     const Exchange& e = device_->exchange;
-    return e.frames_captured - e.frames_processed - e.frames_overrun - e.frames_invalid - e.frames_repeated;
+    return e.frames_captured - e.frames_processed - e.frames_overrun - e.frames_invalid - e.frames_repeated -
+           e.frames_left_out;
   }
 
   void frame() {

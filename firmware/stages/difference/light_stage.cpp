@@ -28,7 +28,6 @@ class LightStage final : public Stage {
         markers_(c.slots.read<Slot::kMarkers>()),
         targets_(c.slots.read<Slot::kTargets>()),
         colours_(c.slots.read<Slot::kSlope>()),
-        solve_(c.slots.read<Slot::kNodeForces>()),
         light_(c.slots.write<Slot::kLight>()) {}
 
   Status load(const Calibration& /*calibration*/) override {
@@ -51,9 +50,7 @@ class LightStage final : public Stage {
     const bool has_settled = std::equal(before.begin(), before.end(), light_.gain.begin(),
                                         [](int32_t a, int32_t b) { return std::abs(a - b) < kDriftGain; });
     n_drifting_ = has_settled || is_balanced ? 0 : std::min(n_drifting_ + 1, kDriftFrames);
-    const auto& touched = solve_.mask;  // of the previous frame: an existing contact continues
-    light_.is_steady =
-        n_drifting_ < kDriftFrames || std::any_of(touched.begin(), touched.end(), [](uint8_t m) { return m != 0; });
+    light_.is_drifting = n_drifting_ == kDriftFrames;
     if (is_wrong(is_balanced)) frame.flags |= kFlagLight;
   }
 
@@ -78,7 +75,6 @@ class LightStage final : public Stage {
   const SlotData<Slot::kMarkers>& markers_;
   const SlotData<Slot::kTargets>& targets_;
   const SlotData<Slot::kSlope>& colours_;
-  const SlotData<Slot::kNodeForces>& solve_;
   SlotData<Slot::kLight>& light_;
 };
 

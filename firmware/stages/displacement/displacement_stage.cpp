@@ -1,5 +1,5 @@
 // Displacement of the nodes from markers and depth (image/displacement.h). Includes the unknown constant of depth
-// (estimators/depth_gauge.h), depth from markers (estimators/marker_depth.h), and the creep of an untouched pad
+// (estimators/depth_gauge.h) and depth from markers (estimators/marker_depth.h); then the creep of an untouched pad
 // (estimators/zero_follower.h).
 #include <algorithm>
 #include <optional>
@@ -7,6 +7,7 @@
 #include "core/stages.h"
 #include "estimators/depth_gauge.h"
 #include "estimators/marker_depth.h"
+#include "estimators/wrench.h"
 #include "estimators/zero_follower.h"
 #include "image/camera_map.h"
 #include "image/displacement.h"
@@ -20,7 +21,6 @@ class DisplacementStage final : public Stage {
       : board_(c.board),
         displacement_(c.board),
         limit_q3_(c.board.pad.thickness_um * 8 / 2),
-        zero_(static_cast<size_t>(displacement_.nodes().count())),
         markers_(c.slots.read<Slot::kMarkers>()),
         depth_(c.slots.amend<Slot::kDepth>()),
         out_(c.slots.write<Slot::kDisplacement>()) {}
@@ -40,11 +40,7 @@ class DisplacementStage final : public Stage {
     return Unit{};
   }
 
-  void learn(std::span<const uint16_t> /*rest*/) override {
-    displacement_.learn(markers_.marker);
-    zero_.forget();
-    publish_zero();
-  }
+  void learn(std::span<const uint16_t> /*rest*/) override { displacement_.learn(markers_.marker); }
 
   void run(Frame& frame) override {
     // Depth from tables for other optics is for display only, not for forces.
@@ -58,9 +54,6 @@ class DisplacementStage final : public Stage {
     if (std::any_of(out_.node.begin(), out_.node.end(), [&](const NodeDisplacement& u) { return is_over_range(u); })) {
       frame.flags |= kFlagOverRange;
     }
-    if (!frame.is_zero_followed) return;
-    zero_.run(out_.node, frame.is_wrong() || frame.was_touched, frame.capture_us);
-    publish_zero();
   }
 
  private:
@@ -68,15 +61,10 @@ class DisplacementStage final : public Stage {
     return std::max({u.x.raw(), u.y.raw(), u.z.raw()}) > limit_q3_ ||
            std::min({u.x.raw(), u.y.raw(), u.z.raw()}) < -limit_q3_;
   }
-  void publish_zero() {
-    out_.zero_moved_nm = zero_.moved_nm();
-    out_.is_zero_at_limit = zero_.is_at_limit();
-  }
 
   BoardSettings board_;
   Displacement displacement_;
   int64_t limit_q3_;
-  ZeroFollower zero_;
   std::optional<CameraMap> camera_map_;
   std::optional<DepthGauge> gauge_;          // for boards whose gauge is a table
   std::optional<MarkerDepth> marker_depth_;  // for boards whose depth comes from the markers
@@ -85,8 +73,45 @@ class DisplacementStage final : public Stage {
   SlotData<Slot::kDisplacement>& out_;
 };
 
+// Part of the stage displacement; depends on what the previous frame's forces say.
+class ZeroStage final : public Stage {
+ public:
+  explicit ZeroStage(const StageContext& c)
+      : zero_(static_cast<size_t>(NodeGrid(c.board).size().count())),
+        contacts_(c.slots.read<Slot::kContacts>()),
+        wrench_(c.slots.read<Slot::kWrench>()),
+        tip_(c.slots.read<Slot::kToolTouch>()),
+        displacement_(c.slots.amend<Slot::kDisplacement>()) {}
+
+  void learn(std::span<const uint16_t> /*rest*/) override {
+    zero_.forget();
+    publish();
+  }
+
+  void run(Frame& frame) override {
+    if (frame.is_zero_followed) {
+      const bool was_touched = shows_touch(contacts_, wrench_, tip_);
+      zero_.run(displacement_.node, frame.is_wrong() || was_touched, frame.capture_us);
+    }
+    publish();
+  }
+
+ private:
+  void publish() {
+    displacement_.zero_moved_nm = zero_.moved_nm();
+    displacement_.is_zero_at_limit = zero_.is_at_limit();
+  }
+
+  ZeroFollower zero_;
+  const SlotData<Slot::kContacts>& contacts_;  // these three of the previous frame
+  const SlotData<Slot::kWrench>& wrench_;
+  const SlotData<Slot::kToolTouch>& tip_;
+  SlotData<Slot::kDisplacement>& displacement_;
+};
+
 }  // namespace
 
+StagePointer make_zero(const StageContext& context) { return std::make_unique<ZeroStage>(context); }
 StagePointer make_displacement(const StageContext& context) { return std::make_unique<DisplacementStage>(context); }
 
 }  // namespace ruffini

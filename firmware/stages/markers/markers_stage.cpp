@@ -64,7 +64,8 @@ class MarkersStage final : public Stage {
 
  private:
   void publish() {
-    markers_.marker = flow_ ? flow_->markers() : printed_->markers();
+    const std::span<const Marker> seen = flow_ ? flow_->markers() : printed_->markers();
+    markers_.marker.assign(seen.begin(), seen.end());
     features_.value.resize(2 * markers_.marker.size());
     auto shift = features_.value.begin();
     for (const Marker& m : markers_.marker) {

@@ -1,5 +1,6 @@
 // Nodal forces from the displacement of the nodes by the inverse FEM: f = operator u; and the contact mask
 // (solve/contact_mask.h).
+#include <algorithm>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -49,10 +50,15 @@ class OperatorStage final : public Stage {
       solve_.u[3 * i + 1] = displacement_.node[i].y.raw();
       solve_.u[3 * i + 2] = displacement_.node[i].z.raw();
     }
+    const auto& touched = solve_.mask;  // of the previous frame: an existing contact continues
+    if (!frame.is_displacement_given) {
+      solve_.is_light_steady =
+          !light_.is_drifting || std::any_of(touched.begin(), touched.end(), [](uint8_t m) { return m != 0; });
+    }
     operator_->run(solve_.u, wide_);
     const auto row = [&](size_t r) { return saturate_raw<int32_t>(wide_[r], frame.saturations); };
     for (size_t i = 0; i < solve_.force.size(); ++i) solve_.force[i] = {row(3 * i), row(3 * i + 1), row(3 * i + 2)};
-    solve_.mask = mask_.find(solve_.force, light_.is_steady);
+    solve_.mask = mask_.find(solve_.force, solve_.is_light_steady);
     solve_.threshold_lsb = mask_.threshold_lsb();
     solve_.is_pressed = mask_.is_pressed();
   }

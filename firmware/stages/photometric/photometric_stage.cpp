@@ -17,9 +17,8 @@ class PhotometricStage final : public Stage {
         light_(c.slots.read<Slot::kLight>()),
         markers_(c.slots.read<Slot::kMarkers>()),
         targets_(c.slots.read<Slot::kTargets>()),
-        slope_(c.slots.write<Slot::kSlope>()),
-        depth_(c.slots.amend<Slot::kDepth>()) {
-    slope_.slope.resize(depth_.cell.size());
+        slope_(c.slots.write<Slot::kSlope>()) {
+    slope_.slope.resize(n_cells());
   }
 
   Status load(const Calibration& calibration) override {
@@ -32,6 +31,7 @@ class PhotometricStage final : public Stage {
     photometric_.emplace(board_, table.value());
     slope_.is_balanced = photometric_->is_balanced();
     slope_.is_of_depth = photometric_->is_of_depth();
+    if (slope_.is_of_depth) slope_.depth.resize(n_cells());
     slope_.is_foreign_optics = calibration.text("optics") != board_.camera.optics;
     return Unit{};
   }
@@ -40,7 +40,7 @@ class PhotometricStage final : public Stage {
 
   void run(Frame& /*frame*/) override {
     if (slope_.is_of_depth) {
-      photometric_->run_depth(difference_.change, light_.level, depth_.cell);
+      photometric_->run_depth(difference_.change, light_.level, slope_.depth);
       return;
     }
     const std::span<const Marker> hidden = targets_.mark.empty() ? markers_.marker : targets_.mark;
@@ -49,6 +49,11 @@ class PhotometricStage final : public Stage {
   }
 
  private:
+  [[nodiscard]] size_t n_cells() const {
+    const int step_px = board_.depth.step_px;
+    return static_cast<size_t>(board_.camera.width_px / step_px * (board_.camera.height_px / step_px));
+  }
+
   BoardSettings board_;
   std::optional<Photometric> photometric_;
   std::optional<SlopeRectifier> rectifier_;
@@ -57,7 +62,6 @@ class PhotometricStage final : public Stage {
   const SlotData<Slot::kMarkers>& markers_;
   const SlotData<Slot::kTargets>& targets_;
   SlotData<Slot::kSlope>& slope_;
-  SlotData<Slot::kDepth>& depth_;
 };
 
 }  // namespace

@@ -1,5 +1,7 @@
 // Depth from slopes (image/poisson.h), in the view of the camera map's ideal pinhole if there is one; and the validity
-// of depth from light. Skips the integration if colours were converted to depth directly.
+// of depth from light. Takes depth as it is if colours were converted to it directly.
+#include <algorithm>
+
 #include "core/stages.h"
 #include "image/camera_map.h"
 #include "image/poisson.h"
@@ -25,11 +27,12 @@ class PoissonStage final : public Stage {
   }
 
   void run(Frame& frame) override {
-    if (slope_.is_of_depth) return;
+    if (slope_.is_of_depth) {
+      std::copy(slope_.depth.begin(), slope_.depth.end(), depth_.cell.begin());
+      return;
+    }
     poisson_.run(slope_.slope, depth_.cell, depth_.is_trusted ? frame.saturations : untrusted_saturations_);
   }
-
-  void judge(uint32_t& flags) override { depth_.validity = validity_of(flags, true, !slope_.is_foreign_optics); }
 
  private:
   BoardSettings board_;
@@ -39,8 +42,23 @@ class PoissonStage final : public Stage {
   SlotData<Slot::kDepth>& depth_;
 };
 
+// Part of the stage poisson at the end of the frame, when all flags are known.
+class DepthValidityStage final : public Stage {
+ public:
+  explicit DepthValidityStage(const StageContext& c)
+      : slope_(c.slots.read<Slot::kSlope>()), depth_(c.slots.amend<Slot::kDepth>()) {}
+
+  void run(Frame& /*frame*/) override {}
+  void judge(uint32_t& flags) override { depth_.validity = validity_of(flags, true, !slope_.is_foreign_optics); }
+
+ private:
+  const SlotData<Slot::kSlope>& slope_;
+  SlotData<Slot::kDepth>& depth_;
+};
+
 }  // namespace
 
+StagePointer make_depth_validity(const StageContext& context) { return std::make_unique<DepthValidityStage>(context); }
 StagePointer make_poisson(const StageContext& context) { return std::make_unique<PoissonStage>(context); }
 
 }  // namespace ruffini

@@ -6,6 +6,8 @@
 namespace ruffini {
 namespace {
 
+static_assert(kMaxSteadyFrames == SteadyField::kMaxFrames);
+
 // If more than five sixteenths of the nodes are touched, the remaining pad is too small a reference for depth.
 bool covers_pad(std::span<const uint8_t> mask) {
   return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 5 * std::ssize(mask);
@@ -27,6 +29,7 @@ Result<SecondPass> SecondPass::load(const Calibration& calibration, const BoardS
   if (Status loaded = keep(SupportSolver::load(calibration, out.nodes_, places), out.support_); !loaded) {
     return loaded.error();
   }
+  if (board.contact.steady_frames > 1) out.steady_.emplace(out.nodes_, places, board.contact.steady_frames);
   const CameraMotion sides(out.nodes_);
   out.support_->watch(sides.unknowns());
   out.residual_at_sides_.resize(sides.unknowns().size());
@@ -48,8 +51,8 @@ Result<SecondPass> SecondPass::load(const Calibration& calibration, const BoardS
   return out;
 }
 
-void SecondPass::refine(bool is_light_steady, SolvedForces& forces, SaturationCounter& saturations) {
-  const std::span<const NodeForce> beyond = add_finite_strain(is_light_steady, forces, saturations);
+void SecondPass::refine(SolvedForces& forces, SaturationCounter& saturations) {
+  const std::span<const NodeForce> beyond = add_finite_strain(forces, saturations);
   support_->run(forces.u, beyond, forces.mask, forces.threshold_lsb, forces.force, saturations);
   support_->watched_residual(residual_at_sides_);
   forces.residual_at_sides = residual_at_sides_;
@@ -67,8 +70,7 @@ void SecondPass::compute_residual(const SolvedForces& forces, std::span<int32_t>
 
 // Adds the finite-strain part to the linear forces, and so to the mask. Returns it; empty without contact or finite
 // strain.
-std::span<const NodeForce> SecondPass::add_finite_strain(bool is_light_steady, SolvedForces& forces,
-                                                         SaturationCounter& saturations) {
+std::span<const NodeForce> SecondPass::add_finite_strain(SolvedForces& forces, SaturationCounter& saturations) {
   const auto is_touched = [](uint8_t m) { return m != 0; };
   if (!finite_strain_ || std::none_of(forces.mask.begin(), forces.mask.end(), is_touched)) return {};
   const std::span<const NodeForce> beyond = finite_strain_->run(forces.u, saturations);
@@ -77,10 +79,16 @@ std::span<const NodeForce> SecondPass::add_finite_strain(bool is_light_steady, S
     NodeForce& f = forces.force[i];
     f = {add(f.x, beyond[i].x), add(f.y, beyond[i].y), add(f.z, beyond[i].z)};
   }
-  forces.mask = mask_.find(forces.force, is_light_steady);
+  forces.mask = mask_.find(forces.force, forces.is_light_steady);
   forces.threshold_lsb = mask_.threshold_lsb();
   forces.is_pressed = mask_.is_pressed();
   return beyond;
+}
+
+void SecondPass::average(bool is_trusted, SolvedForces& forces, SaturationCounter& saturations) {
+  if (!steady_) return;
+  if (!is_trusted) return steady_->forget();
+  steady_->run(forces.mask, support_->evidence(), forces.force, saturations);
 }
 
 void SecondPass::apply_relaxation(uint64_t capture_us, SolvedForces& forces, SaturationCounter& saturations) {
@@ -88,6 +96,7 @@ void SecondPass::apply_relaxation(uint64_t capture_us, SolvedForces& forces, Sat
 }
 
 void SecondPass::forget() {
+  if (steady_) steady_->forget();
   if (relaxation_) relaxation_->forget();
 }
 

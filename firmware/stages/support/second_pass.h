@@ -1,6 +1,7 @@
 // Second pass of the solve: refines the linear nodal forces until they explain the displacement.
 //
 //   refine             adds the finite-strain part, then least squares in contact (solve/support_solver.h)
+//   average            averages the field of a contact that does not change (solve/steady_field.h)
 //   apply_relaxation   subtracts what the pad lost to relaxation (solve/relaxation.h)
 //   compute_residual   displacement that the refined forces do not explain; only on request
 //
@@ -21,6 +22,7 @@
 #include "solve/finite_strain.h"
 #include "solve/relaxation.h"
 #include "solve/spread_check.h"
+#include "solve/steady_field.h"
 #include "solve/support_solver.h"
 #include "store/calibration.h"
 
@@ -36,17 +38,18 @@ class SecondPass {
   [[nodiscard]] bool is_at_finite_strain() const { return finite_strain_.has_value(); }
 
   // `forces`: the linear ones in, with their u, mask and threshold; the refined ones out.
-  void refine(bool is_light_steady, SolvedForces& forces, SaturationCounter& saturations);
+  void refine(SolvedForces& forces, SaturationCounter& saturations);
   // For the last refine() and its `forces`; xyz interleaved, 1/64 standard deviation (solve/support_solver.h).
   void compute_residual(const SolvedForces& forces, std::span<int32_t> residual, SaturationCounter& saturations);
+  // `forces`: of the last refine(). is_trusted: the frame may enter the history; else the history begins anew.
+  void average(bool is_trusted, SolvedForces& forces, SaturationCounter& saturations);
   void apply_relaxation(uint64_t capture_us, SolvedForces& forces, SaturationCounter& saturations);
-  // Resets the relaxation: the pad was never touched.
+  // Resets average and relaxation: the pad was never touched.
   void forget();
 
  private:
   explicit SecondPass(const BoardSettings& board);
-  std::span<const NodeForce> add_finite_strain(bool is_light_steady, SolvedForces& forces,
-                                               SaturationCounter& saturations);
+  std::span<const NodeForce> add_finite_strain(SolvedForces& forces, SaturationCounter& saturations);
 
   GridSize nodes_;
   ContactMask mask_;  // of the forces including the finite-strain part
@@ -55,6 +58,7 @@ class SecondPass {
   std::optional<SpreadCheck> spread_check_;
   bool has_rim_gauge_;  // depth is zeroed on the mean of the rim
   std::optional<FiniteStrain> finite_strain_;
+  std::optional<SteadyField> steady_;  // if the board asks for it
   std::optional<Relaxation> relaxation_;
 };
 

@@ -12,7 +12,6 @@ class SupportStage final : public Stage {
  public:
   explicit SupportStage(const StageContext& c)
       : board_(c.board),
-        light_(c.slots.read<Slot::kLight>()),
         displacement_(c.slots.read<Slot::kDisplacement>()),
         solve_(c.slots.amend<Slot::kNodeForces>()),
         residual_(c.slots.write<Slot::kResidual>()) {}
@@ -34,8 +33,9 @@ class SupportStage final : public Stage {
 
   void run(Frame& frame) override {
     if (!displacement_.has_depth && !frame.is_displacement_given) return;
-    pass_->refine(light_.is_steady, solve_, frame.saturations);
+    pass_->refine(solve_, frame.saturations);
     if (!solve_.is_explained) frame.flags |= kFlagFeatures;
+    pass_->average(!frame.is_wrong(), solve_, frame.saturations);
     // An untrusted frame does not enter the history.
     if (!pass_->has_relaxation() || frame.capture_us == 0 || frame.is_wrong()) return;
     pass_->apply_relaxation(frame.capture_us, solve_, frame.saturations);
@@ -54,7 +54,6 @@ class SupportStage final : public Stage {
  private:
   BoardSettings board_;
   std::optional<SecondPass> pass_;
-  const SlotData<Slot::kLight>& light_;
   const SlotData<Slot::kDisplacement>& displacement_;
   SlotData<Slot::kNodeForces>& solve_;
   SlotData<Slot::kResidual>& residual_;

@@ -21,7 +21,7 @@ from papers.contact_glitter.bench import judge as judge_method
 from papers.contact_glitter.depth import by_bench
 from papers.contact_glitter.hardness_bound import bounds
 from papers.contact_glitter.played import Played
-from papers.experiments import Experiment, Options
+from papers.experiments import Experiment, Figure, Options
 from papers.judged import default_folder
 from papers.recorded import Recorded, recorded_runs
 from ruffini.boards import Board
@@ -78,7 +78,46 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     result |= {"calibration": fit.report(), "bounds": bounds(known, fit.model),
                "press_bounds": bounds(known, fit.model, of_press=True),
                "by_bench": by_bench(board, presses, paper), "quick": quick}  # fmt: skip
-    return Experiment(result, text_of(result), pictures.draw(out, played, result))
+    return Experiment(result, text_of(result), pictures.draw(out, played, result), figures(result, method))
+
+
+def figures(result: dict[str, Any], method: dict[str, float]) -> dict[str, Figure]:
+    """Those of wanted.toml. Depth and hardness by a log as a bench has it, and by one told the twin's gel surface."""
+    out: dict[str, Figure] = {}
+    for name, row in result["forces"].items():
+        by_method = method.get(f"tangential force, {name}"), method.get(f"moment, {name}")
+        out |= {
+            f"normal force, {name}": Figure(row["fn"], row.get("fn_method"), row.get("fn_paper")),
+            f"tangential force, {name}": Figure(row["ft"], by_method[0], row.get("ft_paper")),
+            f"moment, {name}": Figure(row["moment"], by_method[1], row.get("moment_paper")),
+        }
+    bench = result["by_bench"]
+    for part, what, paper in (("test", "paper's test", None), ("repeat", "smallest, hardest triangle", PAPER_DEPTH_MM)):
+        told = result["depth"][what]
+        if f"{part}, gel" in bench:
+            out[f"depth by bench knowledge, {what}"] = Figure(bench[f"{part}, gel"], told["method"], paper)
+        out[f"depth told the gel's surface, {what}"] = Figure(told["gel"], told["method"], paper)
+    if "test, Shore A, told the kind" in bench:
+        out["hardness by bench knowledge, told the kind"] = Figure(
+            bench["test, Shore A, told the kind"], result["method_hardness_told"], PAPER_SHORE
+        )
+    hardness = result["hardness"]["paper's test"]
+    out["hardness, 20-80"] = Figure(hardness["all"]["rmse"], result["method_hardness_told"], PAPER_SHORE)
+    for kind in ("planar", "Hertzian"):
+        out |= {f"hardness, {kind} {band}": Figure(row["rmse"]) for band, row in hardness[f"{kind} bands"].items()}
+    out["kind inferred"] = Figure(100 * hardness["kind_right"])
+    if result["objects"]:
+        out["objects of Fig. 9 measured"] = Figure(sum(o["is_valid"] for o in result["objects"]))
+    refused = [*result["failing"], *result["too_soft"]]
+    if refused:
+        out["H, T, nut and Shore A 5 refused"] = Figure(sum(not o["is_valid"] for o in refused))
+    out |= {
+        f"refused at left-out sizes, {shape}": Figure(100 * parts["sizes"])
+        for shape, parts in result["calibration"]["refused"].items()
+        if "sizes" in parts
+    }
+    out["wrong without a mark"] = Figure(result["unmarked"]["unmarked"])
+    return out
 
 
 def play(board: Board, calibration: bytes, recorded: Recorded) -> Played:

@@ -20,7 +20,7 @@ from papers.eltac import pictures
 from papers.eltac.bench import AVERAGES, EDGE_POINTS, LARGEST_N, TARGETS_N, TUBE_MM, _calibrated
 from papers.eltac.method import SIGMA_PX, Camera, Cylinder, brightest, force_curve
 from papers.eltac.played import Played
-from papers.experiments import Experiment, Options
+from papers.experiments import Experiment, Figure, Options
 from papers.judged import default_folder
 from papers.recorded import Recorded
 from ruffini.boards import Board
@@ -67,7 +67,27 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
         played.append(play(board, file, run))
         within(0.7, 1.0)(done / len(judged))
     result, text = judge(board, played, fit.report, quick=quick)
-    return Experiment(result, text, pictures.draw(out, played, result))
+    return Experiment(result, text, pictures.draw(out, played, result), figures(result))
+
+
+def figures(result: dict[str, Any]) -> dict[str, Figure]:
+    """Those of wanted.toml: places in mm, forces and hysteresis in %, two fingers in % of the frames."""
+    out: dict[str, Figure] = {}
+    for name, row in result["places"].items():
+        what = name if name.startswith("other") else f"indenter {name}"
+        out[f"position, {what}"] = Figure(row["ours"], row.get("method"), row.get("paper"))
+    for name, row in result["forces"].items():
+        if "ours" in row and name.startswith("points"):
+            out[f"force, {name}"] = Figure(row["ours"], row["method"], row.get("paper"))
+    for name, row in result["both_ways"].items():
+        out |= {f"force at every level, {name}, {way}": Figure(row[way]) for way in ("down", "up") if way in row}
+    for speed, row in result["loops"].items():
+        out[f"hysteresis left at {speed} mm/s"] = Figure(row["split_ours"], row["split_quadratic"], row["paper"])
+    if "ours" in result["trials"]:
+        out["spread of five trials"] = Figure(result["trials"]["ours"], result["trials"]["brightness"])
+    out |= {f"two fingers at 15 mm, {way}": Figure(100 * part) for way, part in result["two_fingers"].items()}
+    out["wrong without a flag"] = Figure(result["unflagged"]["wrong"])
+    return out
 
 
 def _recorded(board: Board, bench: str, folder: Path, quick: bool) -> list[Recorded]:

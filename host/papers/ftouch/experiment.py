@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from papers.experiments import Experiment, Options
+from papers.experiments import Experiment, Figure, Options
 from papers.ftouch import pictures
 from papers.ftouch.method import calibrate, targets, variables
 from papers.ftouch.played import RANGES, Played
@@ -44,6 +44,7 @@ from ruffini.sim.unit import TwinUnit
 Array = npt.NDArray[np.float64]
 
 BENCH = "loads.toml"
+JUDGED = ("paper", "whole", "off_centre")  # its sets of part "judge"
 TO_NMM = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
 N_BALLS, QUICK_BALLS, BALL_SEED = 40, 15, 11
 WRONG_SIGMAS, WRONG_PART = 5.0, 0.05  # an error beyond both without a flag must not be
@@ -76,7 +77,24 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     }  # fmt: skip
     made = pictures.draw(out, sets)
     text = "\n".join([table(result), *(str(path) for path in made)])
-    return Experiment(result, text, made)
+    return Experiment(result, text, made, figures(result))
+
+
+def figures(result: dict[str, Any]) -> dict[str, Figure]:
+    """Those of wanted.toml: RMSE by set and axis, the share within two sigmas, wrong forces without a flag."""
+    printed: dict[str, float] = result["published"]
+    out: dict[str, Figure] = {}
+    for name, s in result["sets"].items():
+        if name not in JUDGED:
+            continue
+        for i, axis in enumerate(AXES):
+            if s["ours"][i] is not None:
+                out[f"{name}, {axis}"] = Figure(s["ours"][i], s["paper"][i], printed.get(axis))
+                out[f"{name}, {axis} within 2 sigma"] = Figure(100 * s["within_2_sigma"][i])
+        out[f"{name}, wrong without a flag"] = Figure(s["unflagged_wrong"])
+    if "false_flags" in result:
+        out["false flags in drawn good frames"] = Figure(result["false_flags"])
+    return out
 
 
 def default_folder(board: Board) -> Path:

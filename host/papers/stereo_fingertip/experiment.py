@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from papers.experiments import Experiment, Options
+from papers.experiments import Experiment, Figure, Options
 from papers.judged import default_folder
 from papers.recorded import Recorded, shape_of
 from papers.stereo_fingertip import pictures
@@ -27,7 +27,7 @@ from papers.stereo_fingertip.area import direct
 from papers.stereo_fingertip.limits import told_apart
 from papers.stereo_fingertip.method import Regression, inputs
 from papers.stereo_fingertip.played import AREA, FORCE, ROLL, Played, X, Y, Z
-from papers.stereo_fingertip.text import QUANTITIES, SURE_MM, text
+from papers.stereo_fingertip.text import QUANTITIES, SURE_MM, TESTS, text
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.core import Pipeline
@@ -40,7 +40,6 @@ from ruffini.sim.reproduce.make import reproduce as record
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
 from ruffini.sim.settings import load_twin
-from ruffini.train import need_torch
 
 Array = npt.NDArray[np.float64]
 
@@ -49,6 +48,7 @@ EYES_MM = 10.0  # apart, section 3.3 of the paper
 LEVELS = (0.05, 0.2, 0.4, 0.6, 0.8, 1.05)  # of full scale: the paper's 0.1 to 1 N, and half a step
 UNSEEN = ("any", "upright", "centred", "middle", "shapes")  # sets of presses.toml that are judged
 PAPER_AREA = {"flat": 0.597, "square": 0.926, "hexagon": 2.857}
+BOTH_GREY = 1  # the paper's input mode of both eyes in grey
 N_AROUND = 72  # points of a face's outline
 
 
@@ -58,7 +58,6 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     def within(begin: float, end: float) -> Any:
         return lambda done: options.progress(begin + (end - begin) * done)
 
-    need_torch("fitting a fingertip")
     kept = options.folder or default_folder(board).parent
     own, paper = (kept / f"{board.name}-{digest(board, bench)[:12]}" for bench in (BENCH, "reproduce.toml"))
     record(board, own, bench=BENCH, quick=options.quick, n_workers=options.n_workers, progress=within(0.0, 0.3))
@@ -90,7 +89,31 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
         least_n, most_n = LEVELS[0] * full_n, LEVELS[-1] * full_n
         result["teacher"] = stereo_teacher.judge(board, options.network, runs, least_n, most_n)
     options.progress(1.0)
-    return Experiment(result, text(result), pictures.draw(out, played))
+    return Experiment(result, text(result), pictures.draw(out, played), headline(result))
+
+
+def headline(result: dict[str, Any]) -> dict[str, Figure]:
+    """The figures of wanted.toml: the paper's tests, unseen presses, areas, and how often the area is reported."""
+    out: dict[str, Figure] = {}
+    for name in TESTS:
+        if name in result["paper_tests"]:
+            out[f"the paper's test, {name}"] = Figure(result["paper_tests"][name], None, result["published"].get(name))
+    stand_in = result["stand_in"][str(BOTH_GREY)]
+    for name, row in result["unseen"].items():
+        if not row["n_frames"]:
+            continue
+        for quantity in QUANTITIES[:-1]:
+            out[f"{name}, {quantity}"] = Figure(row["mean"][quantity], stand_in[quantity] if name == "any" else None)
+        out[f"{name}, force_n within 2 sigma"] = Figure(row["within_two_sigma_percent"]["force_n"])
+    shapes = result["unseen"]["shapes"]
+    if shapes["n_frames"]:
+        out["shapes, area error"] = Figure(shapes["mean"]["area_percent"])
+    for tool, row in result["area"].items():
+        out[f"area error where the whole face bears, {tool}"] = Figure(row["whole"], None, row["paper"])
+    frames = [sum(row[part] for row in result["area"].values()) for part in ("n_whole", "of_whole")]
+    if frames[1]:
+        out["area reported where the whole face bears"] = Figure(100 * frames[0] / frames[1])
+    return out
 
 
 def _recorded(board: Board, bench: str, folder: Path, quick: bool) -> list[Recorded]:

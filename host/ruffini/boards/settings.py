@@ -120,6 +120,7 @@ class Contact(Section):
 
     threshold_un: int
     min_nodes: int
+    steady_frames: int
 
 
 class Skin(Section):
@@ -159,6 +160,7 @@ class Pipeline(Section):
 
     n_rest_frames: int
     stages: list[str]
+    cores: int
 
 
 class Exposure(Section):

@@ -20,7 +20,8 @@ def ifem(
     only: Annotated[
         str | None,
         typer.Option(
-            help="resolution: lines told apart, and response by spatial frequency; objects: a screw, a coin and a key."
+            help="resolution: lines told apart, and response by spatial frequency; objects: a screw, a coin and a key; "
+            "steady: what averaging the field of an unchanging contact gains and costs."
         ),
     ] = None,
     out: Annotated[
@@ -100,7 +101,19 @@ def _objects(board: str, out: Path | None, json_: bool, *, quick: bool) -> None:
     emit(result, json_, text)
 
 
-IFEM_PARTS = {"resolution": _resolution, "objects": _objects}
+def _steady(board: str, out: Path | None, json_: bool, *, quick: bool) -> None:
+    """`bench ifem --only steady`."""
+    from ruffini.bench import steady
+    from ruffini.boards import find_board
+
+    if out is not None:
+        raise InputError("--only steady draws nothing: leave --out out")
+    with progress_bar("steady") as progress:
+        result = steady.run(find_board(board), quick=quick, progress=progress)
+    emit(result, json_, steady.table(result))
+
+
+IFEM_PARTS = {"resolution": _resolution, "objects": _objects, "steady": _steady}
 
 
 def slip(

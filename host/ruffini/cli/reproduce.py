@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -14,6 +14,13 @@ from ruffini.errors import InputError
 from ruffini.older_python import StrEnum
 
 PAPER_BENCH = "reproduce.toml"
+
+
+class Use(NamedTuple):
+    """What is done with measured figures."""
+
+    is_frozen: bool
+    is_checked: bool
 
 
 class Part(StrEnum):
@@ -45,8 +52,9 @@ def reproduce(
     network: Annotated[
         Path | None, typer.Option("--network", help="Of `ruffini train stereo`: judged beside ours.")
     ] = None,
-    freeze: Annotated[
-        bool, typer.Option("--freeze", help="Of --only method: write figures and digest to the board's frozen.toml.")
+    freeze: Annotated[bool, typer.Option("--freeze", help="Write the figures to the board's frozen.toml.")] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="Compare the figures with frozen.toml: exit code 1 if one is worse.")
     ] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer runs: not the figures of the README.")] = False,
     workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
@@ -54,15 +62,18 @@ def reproduce(
 ) -> None:
     """Play the bench of the board's paper on the twin: tables and figures, ours beside the paper's. SIMULATED."""
     note(f"reproduce: the {only} of {board or 'every board'} on the SIMULATED sensor")
+    use = Use(freeze, check)
     if only is Part.METHOD:
-        _method(board, recordings, freeze, quick, workers, json_)
+        _method(board, recordings, use, quick, workers, json_)
         return
     if board is None or out is None:
         raise InputError(f"reproduce --only {only} needs a BOARD and a folder --out: name both")
     if only is Part.RECORDINGS:
+        if freeze or check:
+            raise InputError("--only recordings has no figures: leave --freeze and --check out")
         _record(board, out, bench, quick, workers, json_)
     else:
-        _experiment(board, out, recordings, network, quick, workers, json_)
+        _experiment(board, out, recordings, network, use, quick, workers, json_)
 
 
 def sim_reproduce(
@@ -104,21 +115,31 @@ def papers(name: str) -> ModuleType:
         ) from error
 
 
-def _method(board: str | None, folder: Path | None, is_frozen: bool, quick: bool, workers: int, as_json: bool) -> None:
+def _method(board: str | None, folder: Path | None, use: Use, quick: bool, workers: int, as_json: bool) -> None:
     if folder is not None and board is None:
         raise InputError("--recordings are of one board: name it")
-    judged = papers("judged")
+    judged, guard = papers("judged"), papers("guard")
     from ruffini.boards import board_names, boards_folder, find_board
 
     with_paper = [name for name in board_names() if (boards_folder() / name / "reproduce.toml").is_file()]
-    results = []
+    results, texts, checks = [], [], []
     for one in map(find_board, [board] if board else with_paper):
         with progress_bar(one.name) as progress:
             result = judged.run(one, quick=quick, folder=folder, n_workers=workers, progress=progress)
-        if is_frozen:
+        if use.is_checked:
+            checks.append(guard.check_method(result, judged.load_frozen(one)))
+            result["check"] = checks[-1].tree()
+        if use.is_frozen:
             result["frozen"] = bool(judged.freeze(one, result))
         results.append(result)
-    emit({"simulated": True, "boards": results}, as_json, "\n\n".join(judged.table(r) for r in results))
+        texts.append("\n".join([judged.table(result), *([checks[-1].text()] if use.is_checked else [])]))
+    emit({"simulated": True, "boards": results}, as_json, "\n\n".join(texts))
+    _end(checks)
+
+
+def _end(checks: list[Any]) -> None:
+    if any(not check.is_passed for check in checks):
+        raise typer.Exit(1)
 
 
 def _record(board: str, out: Path, bench: str, quick: bool, workers: int, as_json: bool) -> None:
@@ -136,17 +157,36 @@ def _record(board: str, out: Path, bench: str, quick: bool, workers: int, as_jso
 
 
 def _experiment(
-    board: str, out: Path, recordings: Path | None, network: Path | None, quick: bool, workers: int, as_json: bool
+    board: str,
+    out: Path,
+    recordings: Path | None,
+    network: Path | None,
+    use: Use,
+    quick: bool,
+    workers: int,
+    as_json: bool,
 ) -> None:
-    experiments = papers("experiments")
+    experiments, guard, judged, wanted = (papers(name) for name in ("experiments", "guard", "judged", "wanted"))
     import json
 
     from ruffini.boards import find_board
     from ruffini.files import write_whole
 
+    one = find_board(board)
+    wanted.load_wanted(one)  # before the minutes
     with progress_bar("experiment") as progress:
         options = experiments.Options(recordings, quick, workers, progress, network)
-        found = experiments.reproduce(find_board(board), out, options)
-    result = {**found.result, "pictures": [str(path) for path in found.pictures]}
+        found = experiments.reproduce(one, out, options)
+    rows = wanted.rows_of(one, found.figures)
+    result = {**found.result, "pictures": [str(path) for path in found.pictures], "figures": [r.tree() for r in rows]}
+    texts, checks = [found.text, wanted.table(one, rows, quick=quick)], []
+    if use.is_checked:
+        checks.append(guard.check_ours(rows, judged.load_frozen(one), quick=quick))
+        result["check"] = checks[0].tree()
+        texts.append(checks[0].text())
+    if use.is_frozen:
+        ours = {row.wanted.name: row.ours for row in rows if row.ours is not None}
+        texts.append(f"frozen: {judged.freeze_ours(one, ours, quick=quick)}")
     write_whole(out / "result.json", json.dumps(result, indent=1).encode())
-    emit(result, as_json, found.text)
+    emit(result, as_json, "\n\n".join(texts))
+    _end(checks)

@@ -90,6 +90,7 @@ class Simulated:
     twin: TwinBench
     machine: EmulatedMachine | None
     text_cell: EmulatedTextCell | None
+    clock: FrameClock | None  # of a hurried bench
 
 
 def reach_of(board: Board) -> tuple[float, float] | None:
@@ -165,7 +166,7 @@ def open_simulated(
         reference = Turned(reference, np.eye(3), BOLTED_ARM_M)
     parts = Parts(sensor, person, pace, reference=reference, max_force_n=MAX_FORCE_N, stage=stage, origin=ORIGIN,
                   mount=twin.twin.mount)  # fmt: skip
-    return Simulated(parts, twin, machine, text_cell)
+    return Simulated(parts, twin, machine, text_cell, clock)
 
 
 def open_logged(

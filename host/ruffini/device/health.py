@@ -22,6 +22,7 @@ HEALTH_WORDS = {
     "HEALTH_SAFE_MODE": "three crashes in a row: no calibration is used, flash it again or restart the device",
     "HEALTH_ZERO_LIMIT": "rest has crept as far as it is followed: `ruffini cal zero` with nothing on the pad",
     "HEALTH_LIGHT": "the lamps are not as the board asks (dark, open, too hot): the device's log says what it is",
+    "HEALTH_RATE": "half of the camera's frames are left out: the computer is too slow for all, or lowers its clock",
     "HEALTH_UNJUDGED": "the calibration in force failed its gates, or nobody has judged it: `ruffini cal fit`",
 }
 ENDS = {0: "stopped as it was asked to", 1: "crashed", 2: "was cut: power, or killed from outside"}
@@ -30,6 +31,33 @@ ENDS = {0: "stopped as it was asked to", 1: "crashed", 2: "was cut: power, or ki
 def health_words(names: list[str]) -> list[str]:
     """Words for the names of HealthBits; a name that this host does not know stands as it is."""
     return [HEALTH_WORDS.get(name, name) for name in names]
+
+
+def part_of(status: Any, name: str) -> dict[str, int] | None:
+    """Numbers of a message in STATUS by field; None: an older device does not send it."""
+    if name not in status.DESCRIPTOR.fields_by_name or not status.HasField(name):
+        return None
+    part = getattr(status, name)
+    return {field.name: getattr(part, field.name) for field in part.DESCRIPTOR.fields}
+
+
+def time_words(status: Any) -> list[str]:
+    """Latency that the device measured, and what protects its frame thread; empty: an older device."""
+    if part_of(status, "scheduling") is None:
+        return []
+    place, late = status.scheduling, status.line_latency
+    cpus = ",".join(str(i) for i in range(64) if place.cpus >> i & 1)
+    words = [
+        "frame thread: "
+        + (f"real-time priority {place.priority}" if place.priority else "ordinary priority")
+        + (f", CPU {cpus}" if cpus else ", any CPU")
+        + (", memory locked" if place.is_memory_locked else ", memory not locked")
+    ]
+    if late.n_frames:
+        named = {"p50": late.p50_us, "p99": late.p99_us, "p99.9": late.p999_us, "largest": late.max_us}
+        shown = "  ".join(f"{name} {us / 1e3:.2f}" for name, us in named.items())
+        words.append(f"latency up to the line: {shown} ms ({late.n_frames} frames of the last subscription)")
+    return words
 
 
 def last_run_words(status: Any) -> str:

@@ -1,8 +1,9 @@
 """Simulated time, driven by the twin's frames.
 
 Each frame advances time by one camera period; the next frame is made once the host has read the last one and the
-reference's readings for it. A bench therefore behaves the same on fast, slow and busy computers. While no frame is
-made, because no camera is open or the camera has stalled, time runs at its real pace.
+reference's readings for it. While a frame is being drawn time stands still. A bench therefore behaves the same on
+fast, slow and busy computers. While no frame comes, because no camera is open or it has stalled, time runs at its real
+pace.
 """
 
 from __future__ import annotations
@@ -11,12 +12,15 @@ import threading
 import time
 from collections.abc import Callable
 
+from ruffini.patience import PATIENCE
 from ruffini.wake_event import WakeEvent
 
 POLL_S = 0.05  # real, of those who sleep where no frame comes
 FIRST_S = 0.05  # real: so long a host is waited for that has not subscribed yet
 PATIENCE_S = 2.0  # real: and so long one that reads
-GRACE_S = 5.0  # real: longer without a frame, and time goes on without; a busy computer may take seconds for one
+GRACE_S = (
+    5.0 * PATIENCE
+)  # real: longer without a frame, and time goes on without; a busy computer takes seconds for one
 
 
 class FrameClock:
@@ -34,7 +38,7 @@ class FrameClock:
         self._lock, self._changed = threading.Lock(), event or WakeEvent()
         self._frame, self._seen = 0, 0
         self._spoken_s, self._heard_s = -1.0, -1.0
-        self._made_s = self._real()
+        self._made_s, self._is_drawn = self._real(), True
 
     def now(self) -> float:
         with self._lock:
@@ -42,7 +46,8 @@ class FrameClock:
         return now_s
 
     def _now(self) -> float:
-        return self._frame * self._period_s + max(0.0, self._real() - self._made_s - self._grace_s)
+        alone_s = max(0.0, self._real() - self._made_s - self._grace_s) if self._is_drawn else 0.0
+        return self._frame * self._period_s + alone_s
 
     def sleep(self, duration_s: float) -> None:
         end_s = self.now() + duration_s
@@ -68,9 +73,21 @@ class FrameClock:
         self._changed.wait_for(self._is_read, self._patience_s if self._seen else FIRST_S)
         with self._lock:
             self._frame = made = int(self._now() / self._period_s + 1e-6) + self._step
-            self._made_s = self._real()
+            self._made_s, self._is_drawn = self._real(), False
         self._changed.set()
         return made
+
+    def has_drawn(self) -> None:
+        """The frame is there, and goes to the camera now."""
+        with self._lock:
+            self._made_s, self._is_drawn = self._real(), True
+
+    def without_frames(self) -> None:
+        """The camera has gone or stands still: until the next frame time runs at its real pace."""
+        with self._lock:
+            start_s = self._real() - self._grace_s
+            self._made_s, self._is_drawn = min(self._made_s, start_s) if self._is_drawn else start_s, True
+        self._changed.set()
 
     def stop(self) -> None:
         """Nobody reads any more: no frame waits from now on."""

@@ -148,6 +148,8 @@ class TwinServer(FrameServer):
         self.n_sent = 0
         self.after_sending: Callable[[int], None] = lambda _: None  # told the frame that the camera just got
         self.next_frame: Callable[[], int] | None = None  # in lockstep: the number of the next one, once it is wanted
+        self.after_drawing: Callable[[], None] = lambda: None  # told that a frame is there, before it is sent
+        self.after_camera: Callable[[], None] = lambda: None  # told that the camera went, or got its last frame
 
     def picture(self, frame: int) -> npt.NDArray[np.uint8] | None:
         """Frame `frame` as the frame path would get it; None = the end."""
@@ -174,6 +176,12 @@ class TwinServer(FrameServer):
         return self._scenario.picture(self._renderer, frame, *states, is_unlit=is_unlit).tobytes()
 
     def _stream(self, camera: socket.socket, *, is_paced: bool) -> None:
+        try:
+            self._stream_frames(camera, is_paced=is_paced)
+        finally:
+            self.after_camera()
+
+    def _stream_frames(self, camera: socket.socket, *, is_paced: bool) -> None:
         frame = 0
         while not self._stop.is_set():
             if is_paced:
@@ -184,11 +192,17 @@ class TwinServer(FrameServer):
             if states is None:
                 self._send_frame(camera, frame, b"")
                 return
-            if self._board.alternates and self._scenario.is_sent(frame, is_unlit=True):
-                self._send_frame(camera, 2 * frame, self._drawn(frame, states, is_unlit=True))
-            if self._scenario.is_sent(frame):
-                data = self._drawn(frame, states)
-                self._send_frame(camera, 2 * frame + 1 if self._board.alternates else frame, data)
+            kinds = (True, False) if self._board.alternates else (False,)
+            drawn = {
+                is_unlit: self._drawn(frame, states, is_unlit=is_unlit)
+                for is_unlit in kinds
+                if self._scenario.is_sent(frame, is_unlit=is_unlit)
+            }
+            self.after_drawing()
+            for is_unlit, data in drawn.items():
+                number = 2 * frame + (not is_unlit) if self._board.alternates else frame
+                self._send_frame(camera, number, data)
+            if False in drawn:
                 self.n_sent += 1
                 self.after_sending(frame)
             frame += 1

@@ -26,6 +26,7 @@ from mirror.relaxation import Relaxation
 from mirror.shear_modes import node_places
 from mirror.solve import Noise, contact_mask, frame_threshold, linear_force
 from mirror.spread import is_explained, is_rim_pressed
+from mirror.steady_field import SteadyField
 from mirror.support import SupportTables, residual, support_force
 
 Tensors = dict[str, npt.NDArray[np.generic]]
@@ -67,6 +68,8 @@ class FramePath:
         self._finite_strain = FiniteStrain(tensors, metadata) if has_finite_strain else None
         self._spread = tensors["support.spread"].astype(np.int64).ravel() if "support.spread" in tensors else None
         self._spread_limit = int(np.ravel(tensors.get("support.spread_limit", 0))[0])
+        frames = board["contact"].get("steady_frames", 1)
+        self.steady = SteadyField(self._places, frames) if frames > 1 else None
         self._relaxation = None
         if "relaxation.part" in tensors:
             part, time_ms = (tensors[f"relaxation.{name}"].astype(np.int32) for name in ("part", "time_ms"))
@@ -115,11 +118,11 @@ class FramePath:
         u = displacement(board, markers, depth, saturations, self._camera_map)
         if self._gauge is not None:
             u, depth = self._gauge.lifted(board, u, depth, saturations)
-        force, mask = self.solve(u)
-        self._was_touched = bool(mask.any())
         is_off = self.light.is_off
         if self._is_balanced:
             is_off = not self.light.level_is_sure or self.light.map.is_off
+        force, mask = self.solve(u, is_off=is_off)
+        self._was_touched = bool(mask.any())
         if self._relaxation is not None and not is_off:  # a frame with FLAG_LIGHT is not remembered
             force = self._relaxation.run(capture_us, mask, force, saturations)
         return Outcome(
@@ -138,8 +141,8 @@ class FramePath:
         """As `solve`, of nodes (n_nodes, 3) from outside, which are repaired first."""
         return self.solve(repaired_nodes(self.board, u)[0])
 
-    def solve(self, u: I64) -> tuple[I64, I64]:
-        """Force steps (n_nodes, 3) and contact mask of one displacement field."""
+    def solve(self, u: I64, *, is_off: bool = False) -> tuple[I64, I64]:
+        """Force steps (n_nodes, 3) and contact mask of one displacement field; is_off: of a frame with FLAG_LIGHT."""
         board = self.board
         force = linear_force(self._operator, u, self.saturations)
         shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
@@ -165,6 +168,13 @@ class FramePath:
             is_covered = 16 * np.count_nonzero(mask) > 5 * mask.size
             if board["depth"]["gauge"] == "margin" and (is_covered or is_rim_pressed(solved, shape, threshold)):
                 self.is_explained = False
+        if self.steady is not None:
+            if is_off or not self.is_explained:  # a flagged frame is not remembered
+                self.steady.forget()
+            else:
+                solved = self.steady.run(
+                    mask, self._support.project.times(u.ravel()).reshape(-1, 3), solved, self.saturations
+                )
         return solved, mask
 
     def residual(self) -> I64:

@@ -31,12 +31,7 @@ TEST(SpscRing, AMessageInTwoPartsIsTakenWithoutItsHead) {
     const std::vector<uint8_t> body{1, i, 3};
     ASSERT_TRUE(ring.push({&head, 1}, body));
     uint8_t seen = 0xff;
-    ASSERT_TRUE(ring.pop(
-        [&](uint8_t first) {
-          seen = first;
-          return &out;
-        },
-        1));
+    ASSERT_TRUE(ring.pop({&seen, 1}, [&] { return &out; }));
     EXPECT_EQ(seen, i);
     EXPECT_EQ(out, body);
   }

@@ -273,6 +273,7 @@ TEST(ParseBoard, ReadsEveryNumber) {
 TEST(ParseBoard, DefaultsOfAbsentKeys) {
   const BoardSettings board = parse_board(edited("+[light]"), "base").value();
   EXPECT_EQ(board.pad.stiffness_sigma_1e3, 100);
+  EXPECT_EQ(board.contact.steady_frames, 1);
   EXPECT_FALSE(board.markers.is_scattered);
   EXPECT_EQ(board.depth.source, DepthSource::kLight);
   EXPECT_FALSE(board.light.alternates);

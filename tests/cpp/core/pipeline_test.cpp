@@ -24,10 +24,7 @@ class PipelineTest : public testing::Test {
     file_ = CalibrationFile::load(test::contact_calibration(board_)).value();
     ASSERT_TRUE(pipeline_.load(with_tables ? &file_->get() : nullptr, written));
   }
-  [[nodiscard]] uint64_t time_of(const char* stage) const { return state_.stage_ns[stage_row(stage)]; }
-  Frame frame() {
-    return {.view = {}, .capture_us = 0, .warmth = {}, .flags = state_.flags, .saturations = state_.saturations};
-  }
+  [[nodiscard]] uint64_t time_of(const char* stage) const { return now_.stage_ns[stage_row(stage)]; }
 
   // The markers are the test's, not a picture's.
   static BoardSettings board_of_given_markers() {
@@ -39,6 +36,7 @@ class PipelineTest : public testing::Test {
 
   BoardSettings board_ = board_of_given_markers();
   FrameState state_;
+  Frame now_{};
   std::vector<Marker> markers_ = std::vector<Marker>(static_cast<size_t>(board_.markers.lattice.count()));
   std::shared_ptr<const CalibrationFile> file_;
   Rest rest_{board_.camera.width_px, board_.camera.height_px, 1};
@@ -58,8 +56,7 @@ TEST_F(PipelineTest, WithoutTablesRunsOnlyWhatNeedsNone) {
   EXPECT_FALSE(pipeline_.writes(Slot::kContactModel));
   EXPECT_TRUE(pipeline_.writes(Slot::kHelmholtz));
   EXPECT_FALSE(pipeline_.writes(Slot::kDepth)) << "of a contact that no model describes";
-  Frame now = frame();
-  pipeline_.run(now);
+  pipeline_.run(0, now_);
   EXPECT_EQ(time_of("feature_wrench"), 0U);
   EXPECT_EQ(time_of("contact_model"), 10U);
   EXPECT_EQ(time_of("helmholtz"), 10U);
@@ -76,8 +73,7 @@ TEST_F(PipelineTest, WithTablesRunsEveryStageOfTheBoard) {
 
 TEST_F(PipelineTest, RunsFromASlotWhatDependsOnIt) {
   load(true, {Slot::kMarkers, Slot::kFeatures});
-  Frame now = frame();
-  pipeline_.run_from(Slot::kWrench, now);
+  pipeline_.run_from(Slot::kWrench, now_);
   EXPECT_EQ(time_of("feature_wrench"), 0U) << "it writes the wrench, and does not read it";
   EXPECT_EQ(time_of("contact_model"), 10U);
   EXPECT_EQ(time_of("contact_depth"), 10U) << "through the model";

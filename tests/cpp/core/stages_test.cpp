@@ -2,11 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <set>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "core/hand_over.h"
 #include "estimators/wrench.h"
 #include "support/texture_calibration.h"
 
@@ -106,6 +108,45 @@ TEST(Refusal, SectionsAreThoseOfTheListedStages) {
   EXPECT_TRUE(is_section_read(Stages{"operator"}, "grid"));
   EXPECT_FALSE(is_section_read(Stages{"skin"}, "grid"));
   EXPECT_FALSE(is_section_read(Stages{"operator"}, "gri"));
+}
+
+// The listed stages, "|" between two segments.
+std::string segments_in(const Stages& stages) {
+  const std::vector<size_t> segment_of = segments_of(stages);
+  std::string out;
+  size_t segment = 0;
+  for (const std::string& stage : stages) {
+    out += segment_of[stage_row(stage)] == segment ? " " : " | ";
+    segment = segment_of[stage_row(stage)];
+    out += stage;
+  }
+  return out;
+}
+
+TEST(Segments, EndWhereNoStageDependsOnALaterOneThroughThePreviousFrame) {
+  EXPECT_EQ(segments_in({"difference", "markers", "photometric", "poisson", "displacement", "operator", "support",
+                         "wrench", "contacts"}),
+            " difference markers photometric | poisson | displacement | operator support wrench contacts");
+  EXPECT_EQ(segments_in({"difference", "picture_features", "feature_wrench", "softness"}),
+            " difference picture_features | feature_wrench softness");
+  EXPECT_EQ(segments_in({"difference", "markers", "fingertip", "vibration"}),
+            " difference markers | fingertip vibration");
+  EXPECT_EQ(segments_in({"skin"}), " skin");
+}
+
+TEST(Segments, BeforeTheLastOneWriteOnlyWhatCanBeHandedOver) {
+  for (const std::vector<std::string>& stages : test::stages_by_turns()) {
+    const std::vector<size_t> segment_of = segments_of(stages);
+    EXPECT_LT(segment_of.back(), kMaxSegments);
+    EXPECT_TRUE(std::is_sorted(segment_of.begin(), segment_of.end()));
+    for (size_t row = 0; row < segment_of.size(); ++row) {
+      const StageEntry& entry = stage_table()[row];
+      const std::string_view listed = entry.part_of.empty() ? entry.name : entry.part_of;
+      if (std::find(stages.begin(), stages.end(), listed) == stages.end()) continue;
+      const bool can_leave = kHandedOver.has_all(entry.writes | entry.amends);
+      EXPECT_TRUE(can_leave || segment_of[row] == segment_of.back()) << entry.name;
+    }
+  }
 }
 
 TEST(SlotSet, HoldsWhatWasAdded) {

@@ -113,10 +113,8 @@ class SessionTest : public testing::Test {
     m.which_action = action;
     return m;
   }
-  void push_telemetry(ruffini_MessageType type, const Bytes& content) {
-    Bytes message = {static_cast<uint8_t>(type)};
-    message.insert(message.end(), content.begin(), content.end());
-    ASSERT_TRUE(exchange_.telemetry.push(message));
+  void push_telemetry(ruffini_MessageType type, const Bytes& content, uint64_t exposed_us = 0) {
+    ASSERT_TRUE(exchange_.push_telemetry({exposed_us, static_cast<uint64_t>(type)}, content));
   }
 
   BoardSettings board_;

@@ -8,7 +8,17 @@ ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT / "tests" / "bench"))
 
 import instructions  # noqa: E402
-from instructions import FRAMES, SECTION, STAGES, Stretch, columns, document_rows  # noqa: E402
+from instructions import (  # noqa: E402
+    ENERGY_SECTION,
+    FRAMES,
+    SECTION,
+    STAGES,
+    Stretch,
+    columns,
+    document_rows,
+    energy_columns,
+    energy_rows,
+)
 
 
 def counts(markers):
@@ -36,3 +46,16 @@ def test_the_document_has_the_table_that_is_written():
     replaced = instructions.with_row(text, row, SECTION, columns(counts(0)))
     assert row in replaced
     assert len(re.findall(r"^\| \*\*frame\*\* ", replaced, re.M)) == 1
+
+
+# 0.835 nJ of an instruction and 20.8 nJ of a line: 1.5 M and 2,600 are 1.25 and 0.05 mJ.
+def test_energy_is_of_instructions_and_of_lines_from_memory():
+    *shown, frame = energy_rows(counts(1_500_000))
+    assert shown == ["| markers | 0.10 | 3 | 6 | 0% | 1.31 | 39 | 78 | 3% |"]
+    assert frame == "| **frame** | 1.15 | 34 | 69 | 3% | 2.35 | 70 | 141 | 6% |"
+
+
+def test_the_document_has_the_table_of_energy():
+    text = (ROOT / "docs/results/accuracy.md").read_text()
+    row = f"{energy_rows(counts(0))[-1]} at | date |"
+    assert row in instructions.with_row(text, row, ENERGY_SECTION, energy_columns(counts(0)))

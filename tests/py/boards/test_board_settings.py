@@ -37,13 +37,14 @@ DEFAULTS = {
     "pad": {"stiffness_sigma_1e3": 100},
     "markers": {"layout": "lattice"},
     "depth": {"source": "light"},
+    "contact": {"steady_frames": 1},
     "light": {"alternation": "none"},
 }
 # Of sections that no stage of the board reads: the pad's corners as nodes, all of it observed.
 LEFT_OUT: dict[str, dict[str, Any]] = {
     "grid": {"n_x": 2, "n_y": 2, "n_layers": 2},
     "depth": {"gauge": "margin", "margin_um": 0, "step_px": 1, "source": "light"},
-    "contact": {"threshold_un": 1, "min_nodes": 1},
+    "contact": {"threshold_un": 1, "min_nodes": 1, "steady_frames": 1},
     "field": {"force_lsb_un": 10},
 }
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
+from papers.experiments import Options
 from papers.stereo_fingertip import experiment as stereo_pins
 from papers.stereo_fingertip import limits as stereo_pins_limits
 from papers.stereo_fingertip.experiment import AREA, FORCE, Played, X, figures, followed, is_whole
+
+from ruffini.boards import find_board
 
 
 def played(name: str = "any", tool: str = "flat", off: float = 0.1, sigma: float = 0.06, n: int = 20) -> Played:
@@ -134,3 +141,28 @@ def test_the_text_holds_every_table() -> None:
     assert tests["table_a1"][0]["error"][0] == pytest.approx(0.1)
     assert tests["table_a2"][0]["estimated"][1] == pytest.approx(tests["table_a2"][0]["true"] + 0.1)
     assert tests["force"] == pytest.approx((19 * 0.1 + 98.0) / 20)
+
+
+class Reached(Exception):
+    pass
+
+
+def test_the_experiment_needs_no_pytorch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A network of 50,000 products is fitted in numpy: 5 GB of PyTorch are for the paper's VGG16 alone."""
+
+    def record(*_: object, **__: object) -> None:
+        raise Reached
+
+    monkeypatch.setitem(sys.modules, "torch", None)  # an import of it fails
+    monkeypatch.setattr(stereo_pins, "record", record)
+    with pytest.raises(Reached):
+        stereo_pins.reproduce(find_board("stereo-fingertip"), tmp_path, Options(folder=tmp_path))
+
+
+def test_only_the_verb_train_imports_pytorch() -> None:
+    imports = re.compile(r"^\s*(import|from) torch\b", re.M)
+    host = Path(stereo_pins.__file__).parents[2]
+    found = {
+        path.relative_to(host).as_posix() for path in host.rglob("*.py") if imports.search(path.read_text("utf-8"))
+    }
+    assert {name for name in found if not name.startswith("ruffini/train/")} == {"ruffini/cli/train.py"}

@@ -1,5 +1,6 @@
 """Twins are frozen before our estimators are judged on them: a change is noticed, and what is far off has a reason."""
 
+import re
 import shutil
 
 import pytest
@@ -92,3 +93,32 @@ def test_what_is_no_frozen_file_is_refused(tmp_path):
     (folder / "frozen.toml").write_text("digest = 3\n")
     with pytest.raises(InputError, match="not as it should be"):
         load_frozen(find_board(folder))
+
+
+def cells_of_readme():
+    """(board, what, column, cell) of the table in host/papers/README.md."""
+    text = (boards_folder().parent / "host" / "papers" / "README.md").read_text("utf-8")
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")
+    ]
+    board = ""
+    for named, what, *values in rows[1:]:
+        board = match[1] if (match := re.match(r"\[([a-z-]+)\]", named)) else board
+        for column, cell in zip(("twin", "paper"), values, strict=False):
+            if board in FROZEN and re.search(r"\d", cell):
+                yield board, what, column, cell
+
+
+def test_the_readmes_table_is_of_frozen_figures():
+    n_numbers = 0
+    for name, what, column, cell in cells_of_readme():
+        board = find_board(name)
+        kept = load_frozen(board)
+        assert kept is not None
+        printed = [p.value_1e6 * 1e-6 for p in load_reproduce(board).published]
+        known = list(kept.figures.values()) if column == "twin" else printed
+        for number in re.findall(r"\d+\.?\d*", cell):
+            half = 0.5 * 10.0 ** -len(number.partition(".")[2])
+            assert any(abs(value - float(number)) <= half * 1.01 for value in known), (name, what, column, number)
+            n_numbers += 1
+    assert n_numbers > 40

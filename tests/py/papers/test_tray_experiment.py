@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from papers import experiments
 from papers.experiments import Options, reproduce
 from papers.ftouch.experiment import BENCH, RANGES, Played, _judge, table
 from papers.recorded import Recorded
@@ -83,6 +84,8 @@ def test_the_table_has_both_and_the_papers_columns(board: Board) -> None:
     assert "SIMULATED" in table(result)
 
 
-def test_a_board_without_an_experiment_says_so(tmp_path: Path) -> None:
+def test_a_board_without_an_experiment_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    named = load_reproduce(find_board("gelslim")).model_copy(update={"method": "nobody"})
+    monkeypatch.setattr(experiments, "load_reproduce", lambda _: named)
     with pytest.raises(InputError, match="is not written"):
         reproduce(find_board("gelslim"), tmp_path, Options())

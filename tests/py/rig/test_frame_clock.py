@@ -48,6 +48,7 @@ def frames(clock: FrameClock, n: int) -> list[int]:
     numbers = []
     for _ in range(n):
         numbers.append(clock.next_frame())
+        clock.has_drawn()
         clock.has_seen(numbers[-1])
     return numbers
 
@@ -90,6 +91,39 @@ def test_without_frames_time_goes_on_as_real_time_does_and_numbers_are_left_out(
     (number,) = frames(clock, 1)
     assert number > 4 + 6
     assert clock.now() >= before_s
+
+
+def test_however_long_a_frame_takes_to_draw_time_stands_still():
+    clock, event = a_clock()
+    frames(clock, 4)
+    clock.next_frame()
+    event.real_s += 100 * GRACE_S
+    assert clock.now() == pytest.approx(5 * PERIOD_S)
+    clock.has_drawn()
+    event.real_s += GRACE_S + PERIOD_S
+    assert clock.now() == pytest.approx(6 * PERIOD_S)
+
+
+def test_a_frame_that_is_given_up_lets_time_go_on():
+    clock, event = a_clock()
+    frames(clock, 4)
+    clock.next_frame()
+    event.real_s += 100 * GRACE_S
+    clock.without_frames()
+    event.real_s += PERIOD_S
+    assert clock.now() == pytest.approx(6 * PERIOD_S)
+
+
+def test_who_knows_that_no_frame_comes_lets_time_go_on_at_once_and_once():
+    clock, event = a_clock()
+    frames(clock, 4)
+    clock.without_frames()
+    event.real_s += 3 * PERIOD_S
+    clock.without_frames()
+    assert clock.now() == pytest.approx(7 * PERIOD_S)
+    assert frames(clock, 1) == [8]
+    event.real_s += GRACE_S
+    assert clock.now() == pytest.approx(8 * PERIOD_S)
 
 
 def test_a_frame_waits_until_the_one_before_was_read_but_not_for_ever():

@@ -183,3 +183,24 @@ def test_the_environment_keeps_gymnasiums_rules(calibrations):
     rewards = [env.step(np.array([grip], np.float32))[1] for grip in (2.0, 4.0)]
     assert rewards == pytest.approx([1 - 2 / 12, 1 - 4 / 12])
     env.close()
+
+
+def test_environments_side_by_side_are_each_the_one_alone(calibrations, monkeypatch):
+    """Processes of their own, as training has them."""
+    monkeypatch.setattr(environment, "CLOSE_FRAMES", 4)
+    options = {"board": BOARD, "calibrations": calibrations}
+    envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="async", **options)
+    action = np.array([[1.0], [3.0]], np.float32)
+    try:
+        first, _ = envs.reset(seed=[4, 5])
+        seen, rewards, *_ = envs.step(action)
+    finally:
+        envs.close()
+    for i, seed in enumerate((4, 5)):
+        with gymnasium.make(NAME, **options) as env:
+            begun, _ = env.reset(seed=seed)
+            moved, reward, *_ = env.step(action[i])
+        for name in begun:
+            np.testing.assert_array_equal(first[name][i], begun[name])
+            np.testing.assert_array_equal(seen[name][i], moved[name])
+        assert rewards[i] == reward

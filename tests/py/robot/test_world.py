@@ -115,3 +115,37 @@ def test_a_cache_that_cannot_be_written_is_no_error(made, tmp_path, monkeypatch)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert core_sensor.default_calibration(find_board(BOARD))
     assert len(made) == 1
+
+
+def three_fingers(mass: float) -> str:
+    """Fingers on slides, 120 degrees apart, whose motors press a free ball that nothing else holds."""
+    fingers, motors = "", ""
+    for i, angle in enumerate((0.0, 2 * np.pi / 3, 4 * np.pi / 3)):
+        x, y = np.cos(angle), np.sin(angle)
+        fingers += f"""<body name="f{i}" pos="{0.0152 * x} {0.0152 * y} 0">
+        <joint name="f{i}" type="slide" axis="{-x} {-y} 0" damping="20"/>
+        <geom type="box" size=".004 .004 .004" pos="{0.009 * x} {0.009 * y} 0" mass="0.1" contype="0" conaffinity="0"/>
+        <site name="f{i}" zaxis="{-x} {-y} 0"/></body>"""
+        motors += f'<motor joint="f{i}"/>'
+    return f"""<mujoco><option timestep="5e-4" integrator="implicitfast"/><worldbody>{fingers}
+    <body name="object"><freejoint/><geom type="sphere" size=".015" mass="{mass}" friction="0.8 .005 .0001"/></body>
+    </worldbody><actuator>{motors}</actuator></mujoco>"""
+
+
+def test_three_fingers_carry_a_ball_together(world):
+    mass = 0.05
+    one = world(three_fingers(mass), pads=("f0", "f1", "f2"))
+    one.data.ctrl[:] = 1.0
+    one.model.opt.gravity[:] = 0.0
+    for _ in range(25):
+        one.step()
+    one.model.opt.gravity[2] = -9.81
+    for _ in range(25):
+        frames = one.step()
+    total = np.zeros(3)
+    for name, frame in frames.items():
+        assert frame.is_valid
+        assert frame.wrench.force[2] == pytest.approx(-1.0, abs=0.1)
+        total += one.data.site(name).xmat.reshape(3, 3) @ frame.wrench.force
+    np.testing.assert_allclose(total, [0, 0, -mass * 9.81], atol=0.05)
+    assert np.abs(one.data.body("object").xpos).max() < 1e-3
