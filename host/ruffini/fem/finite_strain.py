@@ -59,7 +59,12 @@ class Weights:
 
 EXACT = Weights(*(((1.0,) * len(LAYERS),) * 3))  # the second order, as these layers have it
 # On a pad 6 node steps thick with nu = 0.48, presses of 0.6 to 1.5 mm. `tests/bench/large_strain.py --fit` prints them.
+# On a pad 4.5 node steps thick they double the error (`fitted_weights`).
 FITTED = Weights(square=(1.63, 0.89, 3.35), pressure=(0.90, 0.92, 1.59), volume=(0.85, 0.05, 1.42))
+
+FITTED_STEPS, FITTED_POISSON = 6.0, 0.48
+# Deviation up to which FITTED holds in full, and from which EXACT does: of the relative thickness, of Poisson's ratio.
+STEPS_RANGE, POISSON_RANGE = (0.06, 0.2), (0.012, 0.03)
 
 
 @dataclass(frozen=True)
@@ -198,8 +203,21 @@ def _corner(plane: Array, sign: Array) -> Array:
     return plane[y, x]
 
 
-def finite_strain(slab: Slab, shape: tuple[int, int], weights: Weights = FITTED) -> FiniteStrain:
-    """Tables for the observed nodes (n_y, n_x) of a slab, which are its own or fewer."""
+def fitted_weights(slab: Slab) -> Weights:
+    """FITTED for pads like the one of the fit, EXACT for others, continuous between them."""
+    h_x, h_y, _ = slab.step_m
+    steps = slab.thickness_m / np.sqrt(h_x * h_y)
+    deviation = (abs(steps / FITTED_STEPS - 1), abs(slab.poisson - FITTED_POISSON))
+    share = min(
+        float(np.clip((lost - off) / (lost - kept), 0, 1))
+        for off, (kept, lost) in zip(deviation, (STEPS_RANGE, POISSON_RANGE), strict=True)
+    )
+    terms = (FITTED.square, FITTED.pressure, FITTED.volume)
+    return Weights(*(tuple(1 + share * (w - 1) for w in term) for term in terms))
+
+
+def finite_strain(slab: Slab, shape: tuple[int, int], weights: Weights | None = None) -> FiniteStrain:
+    """Tables for the observed nodes (n_y, n_x) of a slab, which are its own or fewer; by default `fitted_weights`."""
     h_x, h_y, _ = slab.step_m
     heights = tuple(slab.thickness_m * part / sum(LAYERS) for part in LAYERS)
     along_x = _Axis.build(shape[1], h_x, slab.thickness_m)
@@ -212,7 +230,7 @@ def finite_strain(slab: Slab, shape: tuple[int, int], weights: Weights = FITTED)
     return FiniteStrain(
         (h_x, h_y), heights, shear,
         along_x.cos, along_x.sin, along_x.mid, along_y.cos, along_y.sin, along_y.mid,
-        extension[:-1] * weight[..., None, None], pressure * weight[..., None], weights,
+        extension[:-1] * weight[..., None, None], pressure * weight[..., None], weights or fitted_weights(slab),
     )  # fmt: skip
 
 
