@@ -17,7 +17,7 @@ from ruffini.calibrate.container import base_metadata, pack
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 from ruffini.estimators.operator.fit import make_operator
-from ruffini.fem.finite_strain import finite_strain
+from ruffini.fem.finite_strain import EXACT, FITTED, Weights, finite_strain
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import Slab
 
@@ -32,9 +32,10 @@ def touch(depth_m: float) -> npt.NDArray[np.float64]:
     return np.stack([0.3 * depth_m * bell, 0.1 * depth_m * (y / 1.5e-3) * bell, -depth_m * bell], axis=-1)
 
 
+@pytest.mark.parametrize("weights", [EXACT, FITTED])
 @pytest.mark.parametrize(("depth_m", "largest_error"), [(0.2e-3, 0.05), (0.6e-3, 0.01), (1.2e-3, 0.01)])
-def test_integers_follow_float(depth_m: float, largest_error: float) -> None:
-    beyond = finite_strain(SLAB, (25, 31))
+def test_integers_follow_float(depth_m: float, largest_error: float, weights: Weights) -> None:
+    beyond = finite_strain(SLAB, (25, 31), weights)
     u = np.round(touch(depth_m) / STEP_M)
     saturations = Saturations()
     steps = Mirror(*beyond.tensors(10)).force(u.astype(np.int64).reshape(-1, 3), saturations)

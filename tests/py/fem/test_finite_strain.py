@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple, replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -10,7 +12,7 @@ import scipy.sparse.linalg as spl
 from kept import kept
 
 from ruffini.errors import InputError
-from ruffini.fem.finite_strain import MAX_NODES, finite_strain
+from ruffini.fem.finite_strain import EXACT, FITTED, LAYERS, MAX_NODES, Weights, finite_strain, fitted_weights
 from ruffini.fem.slab import CORNERS, Slab, assemble_layer
 
 Array = npt.NDArray[np.float64]
@@ -101,7 +103,7 @@ def held(depths_m: tuple[float, ...]) -> list[tuple[Array, Array]]:
 
 
 def test_what_the_linear_pad_leaves_out() -> None:
-    beyond, depths_m = finite_strain(SLAB, (21, 25)), (0.05e-3, 0.1e-3, 0.2e-3)
+    beyond, depths_m = finite_strain(SLAB, (21, 25), EXACT), (0.05e-3, 0.1e-3, 0.2e-3)
     for depth, (linear, true) in zip(depths_m, kept(held, depths_m), strict=True):
         left = true - linear - beyond.force(dent(depth, depth / 2))
         # Three layers of one point each leave a fifth; the third order is small beside that.
@@ -112,6 +114,32 @@ def test_it_is_quadratic() -> None:
     beyond = finite_strain(SLAB, (21, 25))
     u = dent(0.3e-3, 0.1e-3)
     np.testing.assert_allclose(beyond.force(-2 * u), 4 * beyond.force(u), rtol=1e-9, atol=1e-12)
+
+
+def test_each_weight_scales_its_term() -> None:
+    """The force is a sum of terms; the exact second order has each once."""
+    n, u = len(LAYERS), dent(0.3e-3, 0.1e-3)
+    terms = [
+        finite_strain(SLAB, (21, 25), Weights(*(tuple(row) for row in one.reshape(3, n)))).force(u)
+        for one in np.eye(3 * n)
+    ]
+    assert all(np.abs(term).max() > 0 for term in terms)
+    np.testing.assert_allclose(sum(terms), finite_strain(SLAB, (21, 25), EXACT).force(u), rtol=1e-9, atol=1e-12)
+    factors = np.linspace(0.5, 2, 3 * n)
+    weights = Weights(*(tuple(row) for row in factors.reshape(3, n)))
+    together = np.tensordot(factors, terms, 1)
+    np.testing.assert_allclose(finite_strain(SLAB, (21, 25), weights).force(u), together, rtol=1e-9, atol=1e-12)
+
+
+def test_weights_are_kept_to_pads_like_the_one_of_their_fit() -> None:
+    slab = Slab(20e-3, 16e-3, 4e-3, 31, 25, 6, 2e5, 0.48)
+    for close in (slab, replace(slab, thickness_m=4.2e-3), replace(slab, poisson=0.49)):
+        np.testing.assert_allclose(astuple(fitted_weights(close)), astuple(FITTED))
+    for other in (replace(slab, thickness_m=3e-3), replace(slab, poisson=0.44), replace(slab, thickness_m=5e-3)):
+        assert fitted_weights(other) == EXACT
+    between = np.array(astuple(fitted_weights(replace(slab, thickness_m=3.5e-3))))
+    ends = np.array(astuple(FITTED)), np.array(astuple(EXACT))
+    assert ((between - ends[0]) * (between - ends[1]) < 0).all()
 
 
 def test_a_mirrored_touch_gives_the_mirrored_force() -> None:
