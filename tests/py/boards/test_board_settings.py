@@ -39,6 +39,7 @@ DEFAULTS = {
     "depth": {"source": "light"},
     "contact": {"steady_frames": 1},
     "light": {"alternation": "none"},
+    "pipeline": {"cores": 1},
 }
 # Of sections that no stage of the board reads: the pad's corners as nodes, all of it observed.
 LEFT_OUT: dict[str, dict[str, Any]] = {
@@ -53,7 +54,6 @@ def expected(text: str) -> dict[str, Any]:
     """The tree of the file with the defaults of boards/README.md."""
     tree = tomllib.loads(text)
     tree.setdefault("memory", {"calibration_kb": 131_072})
-    tree.setdefault("pipeline", {"cores": 1})
     if "grid" not in tree:
         size = {f"max_{axis}_um": tree["pad"][f"size_{axis}_um"] for axis in "xy"}
         tree |= {"window": {"min_x_um": 0, "min_y_um": 0, **size}}
