@@ -320,7 +320,6 @@ void Daemon::send_results(const FrameLease& lease) {
     encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
   }
   exposed_us_ = 0;
-  wake_link();
   for (size_t i = 0; i < kMaxRows; ++i) {
     const uint64_t ns = state.stage_ns[i];
     exchange_.stage_sum_ns[i].fetch_add(ns, std::memory_order_relaxed);
@@ -346,6 +345,7 @@ void Daemon::send_results(const FrameLease& lease) {
   exchange_.is_zero_at_limit = state.displacement.is_zero_at_limit;
   if (exchange_.is_camera_live) count_late(lease.capture_us());
   exchange_.frames_processed = n + 1;
+  wake_link();  // now, so that the link thread also sees that the camera is back
 }
 
 // Copies the rest image for the link thread. Retries with the next frame if the previous copy has not been saved.
@@ -369,11 +369,12 @@ void Daemon::switch_reflex(const FrameState& state) {
   exchange_.reflex_trips += is_set && is_on ? 1U : 0U;
 }
 
-// Two intervals after capture, a newer frame is already waiting.
+// One interval for each core and one more after capture, a newer frame is already waiting.
 void Daemon::count_late(uint64_t capture_us) {
   const uint64_t interval_us =
       uint64_t{1'000'000'000} * exchange_.rate_divisor / static_cast<uint64_t>(board_.camera.rate_mhz);
-  if (devices_.clock.now_us() > capture_us + 2 * interval_us) ++exchange_.missed_deadlines;
+  if (devices_.clock.now_us() > capture_us + static_cast<uint64_t>(1 + board_.n_cores) * interval_us)
+    ++exchange_.missed_deadlines;
 }
 
 // Counts for the trial of a new calibration.

@@ -94,7 +94,7 @@ class Daemon {
     Frame frame{};
     size_t segment = 0;     // that holds it
     uint64_t start_us = 0;  // when a frame thread took it
-    uint64_t first_us = 0;  // for which it kept the first of two frame threads busy
+    uint64_t first_us = 0;  // until the first of two frame threads handed it over, waiting included
   };
   std::optional<int> take_frame(uint32_t number);
   void start(uint32_t number, FrameLease lease);

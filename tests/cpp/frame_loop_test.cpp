@@ -269,7 +269,7 @@ TEST(FrameLoop, TroublesTheKernelNoMoreThanToSleepAndToBeWoken) {
   EXPECT_EQ(out.major_faults, 0);
 }
 
-TEST(FrameLoop, AHostThatDoesNotReadTakesNothingOfTheFrameThread) {
+TEST(FrameLoop, AHostThatDoesNotReadCostsTheFrameThreadNothing) {
   if (!kCanCount) GTEST_SKIP() << "system calls are counted on x86-64 and aarch64";
   constexpr uint64_t kFrames = 1'000;
   const Kernel out = run_daemon(kFrames, false, false);

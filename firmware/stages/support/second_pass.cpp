@@ -87,7 +87,7 @@ std::span<const NodeForce> SecondPass::add_finite_strain(SolvedForces& forces, S
 
 void SecondPass::average(bool is_trusted, SolvedForces& forces, SaturationCounter& saturations) {
   if (!steady_) return;
-  if (!is_trusted) return steady_->forget();
+  if (!is_trusted) return distrust();
   steady_->run(forces.mask, support_->evidence(), forces.force, saturations);
 }
 
@@ -95,8 +95,12 @@ void SecondPass::apply_relaxation(uint64_t capture_us, SolvedForces& forces, Sat
   relaxation_->run(capture_us, forces.mask, forces.force, saturations);
 }
 
-void SecondPass::forget() {
+void SecondPass::distrust() {
   if (steady_) steady_->forget();
+}
+
+void SecondPass::forget() {
+  distrust();
   if (relaxation_) relaxation_->forget();
 }
 

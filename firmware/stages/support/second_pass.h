@@ -44,6 +44,8 @@ class SecondPass {
   // `forces`: of the last refine(). is_trusted: the frame may enter the history; else the history begins anew.
   void average(bool is_trusted, SolvedForces& forces, SaturationCounter& saturations);
   void apply_relaxation(uint64_t capture_us, SolvedForces& forces, SaturationCounter& saturations);
+  // The last frame does not enter the average.
+  void distrust();
   // Resets average and relaxation: the pad was never touched.
   void forget();
 

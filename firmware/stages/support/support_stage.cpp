@@ -49,6 +49,10 @@ class SupportStage final : public Stage {
     residual_.validity = frame.is_wrong() || saturations.count != 0 ? Validity::kInvalid : Validity::kValid;
   }
 
+  // Flags that came after run().
+  void judge(uint32_t& flags) override {
+    if (pass_ && (flags & kWrongFlags) != 0) pass_->distrust();
+  }
   void forget() override { pass_->forget(); }
 
  private:

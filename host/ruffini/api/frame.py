@@ -34,8 +34,8 @@ class SensorFrame:
     capture_s : middle of the exposure on the sensor's own clock.
     host_time_ns, host_time_error_ns : the same on `time.monotonic_ns()`, and its error bound; None if unknown.
     flags : names of the set FlagBits, the reasons why a result must not be used as it is.
-    n_missed : camera frames lost between the previous frame and this one; None for the first frame and after a
-        restart of the sensor.
+    n_missed : camera frames lost, or left out (HEALTH_RATE), between the previous frame and this one; None for the
+        first frame and after a restart of the sensor.
     gap : the interruption of the line before this frame, if any.
     is_whole : True if every message that is due has arrived. A repeated result consists of WRENCH alone. A message
         sent with each n-th frame is due n frames after its last one; if the camera drops a frame, one frame may

@@ -278,7 +278,8 @@ class Pipeline:
         """Displacement (frames, observed nodes, 3) in 125 nm -> force in steps of the board.
 
         A component of -32768 was not measured: it is filled smoothly from the nodes around, as are single nodes that
-        contradict all their neighbours (firmware/image/field_repair.h).
+        contradict all their neighbours (firmware/image/field_repair.h). With [contact] steady_frames above 1 a frame is
+        averaged with those before it, of earlier calls too.
         """
         n = self.layout.node_n_x * self.layout.node_n_y
         if displacement.shape[1:] != (n, 3) or displacement.dtype != np.int16:

@@ -18,9 +18,8 @@ from ruffini.wake_event import WakeEvent
 POLL_S = 0.05  # real, of those who sleep where no frame comes
 FIRST_S = 0.05  # real: so long a host is waited for that has not subscribed yet
 PATIENCE_S = 2.0  # real: and so long one that reads
-GRACE_S = (
-    5.0 * PATIENCE
-)  # real: longer without a frame, and time goes on without; a busy computer takes seconds for one
+# Real: longer without a frame, and time goes on without. A busy computer takes seconds for one.
+GRACE_S = 5.0 * PATIENCE
 
 
 class FrameClock:
