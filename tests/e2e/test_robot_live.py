@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from hang import until
+from hang import HANG_S, until
 from test_bad_input import run_host
 from test_lerobot import camera, plugin  # noqa: F401
 from tiny_sensor import ROOT
@@ -99,7 +99,7 @@ def test_what_reads_hardware_reads_a_pad_of_a_world(pressed: Live, plugin, tmp_p
         cam.connect()
 
         def is_felt() -> bool:
-            cam.async_read(10_000)
+            cam.async_read(1e3 * HANG_S)
             return cam.touch.wrench[2] < -0.8 * PRESS_N
 
         until(is_felt, "the press")
@@ -113,5 +113,6 @@ def test_what_reads_hardware_reads_a_pad_of_a_world(pressed: Live, plugin, tmp_p
         rows = list(csv.DictReader(stream))
     assert len(rows) == 8
     assert {row["is_simulated"] for row in rows} == {"1"}
-    assert float(rows[-1]["force_z_n"]) == pytest.approx(-PRESS_N, abs=0.05 + 0.15 * PRESS_N)
+    measured = [float(row["force_z_n"]) for row in rows if row["force_z_n"]]  # a busy computer's frames may be stale
+    assert measured[-1] == pytest.approx(-PRESS_N, abs=0.05 + 0.15 * PRESS_N)
     assert b"geometry_msgs" in mcap.read_bytes()
