@@ -110,9 +110,8 @@ def test_what_reads_hardware_reads_a_pad_of_a_world(pressed: Live, plugin, tmp_p
     code, _, error = run_host("export", str(mcap), "--out", str(table), "--json")
     assert code == 0, error
     with table.open() as stream:
-        rows = list(csv.DictReader(stream))
+        rows = [row for row in csv.DictReader(stream) if row["is_stale"] == "0"]  # a busy computer repeats results
     assert len(rows) == 8
     assert {row["is_simulated"] for row in rows} == {"1"}
-    measured = [float(row["force_z_n"]) for row in rows if row["force_z_n"]]  # a busy computer's frames may be stale
-    assert measured[-1] == pytest.approx(-PRESS_N, abs=0.05 + 0.15 * PRESS_N)
+    assert float(rows[-1]["force_z_n"]) == pytest.approx(-PRESS_N, abs=0.05 + 0.15 * PRESS_N)
     assert b"geometry_msgs" in mcap.read_bytes()

@@ -71,6 +71,7 @@ enum HealthBit : uint32_t {
   kHealthZeroLimit = 16384,
   kHealthLight = 32768,
   kHealthUnjudged = 65536,
+  kHealthRate = 131072,
 };
 
 // ReplyCode of ruffini.proto.
