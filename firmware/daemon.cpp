@@ -152,14 +152,13 @@ void Daemon::frame_loop() {
   if (has_second) second = std::thread([this] { finish_loop(); });
   uint32_t number = 0;
   for (;; ++number) {
-    turns_[path_->n_segments() - 1].wait_for(number - 1);  // no third frame is on its way
-    turns_[0].wait_for(number);
+    turns_.wait_to_begin(*path_, number);
     const std::optional<int> index = take_frame(number);
     if (!index) break;
     start(number, FrameLease(pool_, *index));
     if (has_second) {
-      run_segments(number, cut_.get());
       Flight& flight = flights_[number % 2];
+      turns_.run(*path_, flight.frame, number, cut_.get());
       flight.first_us = devices_.clock.now_us() - flight.start_us;
       handed_.pass();
     } else {
@@ -201,7 +200,7 @@ bool Daemon::process_once() {
   return true;
 }
 
-// `busy_us`: of the frame thread that was busy for longer. Recordings keep their rate.
+// `busy_us`: of the frame thread that took longer for the frame. Recordings keep their rate.
 void Daemon::govern_rate(uint64_t busy_us) {
   if (options_.is_lockstep || devices_.camera->is_replay()) return;
   const bool is_throttled = (exchange_.throttled & kClockLowered) != 0;
@@ -262,7 +261,7 @@ void Daemon::notify_manager(uint64_t now_us) {
 // Requests wait for the end of the frame before.
 void Daemon::start(uint32_t number, FrameLease lease) {
   if (has_requests()) {
-    turns_[path_->n_segments() - 1].wait_for(number);
+    turns_.wait_for_previous(*path_, number);
     swap_path();
   }
   const int32_t warmth = exchange_.milli_celsius;
@@ -272,38 +271,24 @@ void Daemon::start(uint32_t number, FrameLease lease) {
   flight.start_us = devices_.clock.now_us();
   flight.frame = path_->begin(lease.view(), lease.capture_us());
   path_->enter(0, flight.frame);
-  flight.segment = 0;
   flight.lease.emplace(std::move(lease));
-}
-
-// Runs the segments before `until`, and enters that one: the first frame thread is then free of the frame.
-void Daemon::run_segments(uint32_t number, size_t until) {
-  Flight& flight = flights_[number % 2];
-  while (flight.segment < until) {
-    path_->run(flight.segment, flight.frame);
-    if (++flight.segment == path_->n_segments()) return;
-    turns_[flight.segment].wait_for(number);
-    path_->enter(flight.segment, flight.frame);
-    if (!flight.frame.is_alone) turns_[flight.segment - 1].pass();
-  }
 }
 
 // `since_us`: when this thread took the frame.
 void Daemon::finish(uint32_t number, uint64_t since_us) {
   const size_t n_segments = path_->n_segments();
-  run_segments(number, n_segments);
   Flight& flight = flights_[number % 2];
+  turns_.run(*path_, flight.frame, number, n_segments);
   const uint64_t start_us = devices_.clock.now_us();
   send_results(*flight.lease);
   if (network_ != nullptr) run_network(std::move(*flight.lease));
   flight.lease.reset();
-  const size_t first_held = flight.frame.is_alone ? 0 : n_segments - 1;
   if (n_segments > 1) {
     flight.frame.segment_ns[n_segments - 1] += 1'000 * (devices_.clock.now_us() - start_us);
     cut_.record(flight.frame.segment_ns, n_segments);
   }
   govern_rate(std::max(flight.first_us, devices_.clock.now_us() - since_us));
-  for (size_t segment = first_held; segment < n_segments; ++segment) turns_[segment].pass();
+  turns_.end(*path_, flight.frame);
 }
 
 void Daemon::send_results(const FrameLease& lease) {

@@ -1,6 +1,6 @@
 // Threads of ruffinid: capture -> frame -> link, and one beside them for a learned network if the board has one.
-// firmware/README.md has the diagram. Each thread repeats one step; tests/sim runs the same steps on a virtual clock. With
-// [pipeline] cores = 2 there are two frame threads, the second of which ends the frames (frame_path.h).
+// Each thread repeats one step; tests/sim runs the same steps on a virtual clock. With [pipeline] cores = 2 there are two
+// frame threads, the second of which ends the frames (segment_turns.h).
 #pragma once
 
 #include <array>
@@ -27,6 +27,7 @@
 #include "link/messages.h"
 #include "link/session.h"
 #include "segment_cut.h"
+#include "segment_turns.h"
 
 namespace ruffini {
 
@@ -92,13 +93,11 @@ class Daemon {
   struct Flight {
     std::optional<FrameLease> lease{};
     Frame frame{};
-    size_t segment = 0;     // that holds it
     uint64_t start_us = 0;  // when a frame thread took it
     uint64_t first_us = 0;  // until the first of two frame threads handed it over, waiting included
   };
   std::optional<int> take_frame(uint32_t number);
   void start(uint32_t number, FrameLease lease);
-  void run_segments(uint32_t number, size_t until);
   void finish(uint32_t number, uint64_t since_us);
   void finish_loop();
   void send_results(const FrameLease& lease);
@@ -141,9 +140,9 @@ class Daemon {
   std::array<uint8_t, 4'096> received_{};
   FramePool pool_;
   IndexMailbox mailbox_;
-  std::array<Flight, 2> flights_{};              // by number
-  std::array<Turnstile, kMaxSegments> turns_{};  // of the path's segments
-  Turnstile handed_;                             // by the first frame thread to the second
+  std::array<Flight, 2> flights_{};  // by number
+  SegmentTurns turns_;
+  Turnstile handed_;  // by the first frame thread to the second
   SegmentCut cut_;
   uint32_t n_begun_ = 0;  // process_once()
   std::unique_ptr<Inference> network_;

@@ -25,6 +25,7 @@ struct Frame {
   SaturationCounter saturations{};  // of this frame
   std::array<uint64_t, kMaxRows> stage_ns{};
   std::array<uint64_t, kMaxSegments> segment_ns{};  // not of a single one
+  size_t segment = 0;                               // that holds it
 
   bool is_measured = true;
   bool is_alone = false;               // rest may change at its end: the next frame must not begin before that

@@ -12,7 +12,8 @@
 // Patterns, q the pressure of this frame: for z q, q x, q y; for shear q (1, 0), q (0, 1), q (-y, x), x and y from
 // the centre of pressure. What their amplitudes change is never averaged. The amplitudes are those of g's own force
 // and moments, not a least-squares fit. Forces are kept to the step: what rounding leaves goes to the strongest node.
-// Moments are kept but for rounding, unless all pressing nodes lie on a line. Contacts are those of the mask; beyond kMaxContacts none is averaged.
+// Moments are kept but for rounding, unless all pressing nodes lie on a line. Contacts are those of the mask; beyond
+// kMaxContacts none is averaged.
 //
 // With twice the calibrated noise, or half of it again shared by neighbours, next to nothing is averaged; with a fifth
 // of it changes below the limit are averaged too: nodes of sliding contacts err by 3 % more (SIMULATED).

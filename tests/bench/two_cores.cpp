@@ -17,6 +17,7 @@
 #include "link/messages.h"
 #include "recorded_input.h"
 #include "segment_cut.h"
+#include "segment_turns.h"
 
 namespace {
 
@@ -65,7 +66,7 @@ class Unit {
     for (; n_frames_ < end; ++n_frames_) {
       start(n_frames_);
       if (second.joinable()) {
-        run_segments(n_frames_, cut_.get());
+        turns_.run(*path_, flights_[n_frames_ % 2].frame, n_frames_, cut_.get());
         handed_.pass();
       } else {
         finish(n_frames_);
@@ -94,13 +95,11 @@ class Unit {
 
   struct Flight {
     Frame frame{};
-    size_t segment = 0;
     uint64_t begin_ns = 0;
   };
 
   void start(uint32_t number) {
-    turns_[path_->n_segments() - 1].wait_for(number - 1);
-    turns_[0].wait_for(number);
+    turns_.wait_to_begin(*path_, number);
     const std::vector<uint8_t>& pixels = number % 2 == 0 ? input_.pressed : input_.pressed_again;
     Flight& flight = flights_[number % 2];
     flight = {.begin_ns = now_ns()};
@@ -108,21 +107,10 @@ class Unit {
     path_->enter(0, flight.frame);
   }
 
-  void run_segments(uint32_t number, size_t until) {
-    Flight& flight = flights_[number % 2];
-    while (flight.segment < until) {
-      path_->run(flight.segment, flight.frame);
-      if (++flight.segment == path_->n_segments()) return;
-      turns_[flight.segment].wait_for(number);
-      path_->enter(flight.segment, flight.frame);
-      turns_[flight.segment - 1].pass();
-    }
-  }
-
   void finish(uint32_t number) {
     const size_t n = path_->n_segments();
-    run_segments(number, n);
     Flight& flight = flights_[number % 2];
+    turns_.run(*path_, flight.frame, number, n);
     const uint64_t start = now_ns();
     const FrameStamp stamp{.capture_us = flight.frame.capture_us, .frame = number};
     for (const ruffini_MessageType type : types_) encoder_.encode(type, *path_, flight.frame.view, stamp, sink_);
@@ -132,7 +120,7 @@ class Unit {
     times[kMaxRows + 1] = now_ns() - flight.begin_ns;
     flight.frame.segment_ns[n - 1] += times[kMaxRows];
     if (n > 1) cut_.record(flight.frame.segment_ns, n);
-    turns_[n - 1].pass();
+    turns_.end(*path_, flight.frame);
   }
 
   const Input& input_;
@@ -141,7 +129,7 @@ class Unit {
   MessageEncoder encoder_;
   MessageEncoder::Sink sink_ = [](ruffini_MessageType, std::span<const uint8_t>) {};
   std::array<Flight, 2> flights_{};
-  std::array<Turnstile, kMaxSegments> turns_{};
+  SegmentTurns turns_;
   Turnstile handed_;
   SegmentCut cut_;
   uint32_t n_frames_ = 0;

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -63,6 +64,7 @@ struct Line {
   size_t room = SIZE_MAX;
   uint64_t delay_us = 0;
   int n_wakes = 0;
+  std::function<void()> when_woken = [] {};
 };
 class LineDouble : public Link {
  public:
@@ -81,7 +83,10 @@ class LineDouble : public Link {
     return static_cast<int>(n);
   }
   void wait(bool /*is_writing*/, int /*timeout_ms*/) override {}
-  void wake() override { ++line_.n_wakes; }
+  void wake() override {
+    ++line_.n_wakes;
+    line_.when_woken();
+  }
   [[nodiscard]] bool has_unsent() const override { return false; }
   bool reopen() override { return true; }
 
@@ -101,10 +106,12 @@ class IoDouble : public BoardIo {
 
 class DaemonTest : public testing::Test {
  protected:
-  DaemonTest() : scene_(test::dots()), folder_(testing::TempDir() + "daemon_test" + std::to_string(::getpid())) {
+  explicit DaemonTest(int n_cores = 1)
+      : scene_(test::dots()), folder_(testing::TempDir() + "daemon_test" + std::to_string(::getpid())) {
     now.us = 1'000'000;
     work_us = 0;
     scene_.board.camera.rate_mhz = 60'000;
+    scene_.board.n_cores = n_cores;
     scene_.board.exposure.time_us = kExposureUs;
     calibrator_ = std::make_unique<Calibrator>(scene_.board, "0042", SlotStore::open(folder_).value(), exchange_);
     auto path = FramePath::configure(scene_.board, CalibrationFile::load(scene_.calibration).value(), working_clock);
@@ -139,6 +146,9 @@ class DaemonTest : public testing::Test {
     work_us = 0;
     serve();
     now.us = std::max(now.us, start_us + kPeriodUs);
+  }
+  void learn_rest() {
+    for (int i = 0; i < scene_.board.n_rest_frames; ++i) frame(0);
   }
   ruffini_Status status() {
     line_.to_host.clear();
@@ -230,6 +240,33 @@ TEST_F(DaemonTest, AHostThatDoesNotReadDelaysNoFrame) {
   const ruffini_Status said = status();
   EXPECT_EQ(said.drops.link_replaced, 199U);
   EXPECT_LE(said.line_latency.max_us, kPeriodUs) << "the newest is sent, not the oldest";
+}
+
+class TwoCoresTest : public DaemonTest {
+ protected:
+  TwoCoresTest() : DaemonTest(2) {}
+};
+
+// Two intervals and a half after capture: with two cores the next frame is on its way, and none waits.
+TEST_F(DaemonTest, AFrameThatKeepsTheNextOneWaitingIsLate) {
+  learn_rest();
+  frame(5 * kPeriodUs / 2);
+  EXPECT_EQ(status().missed_deadlines, 1U);
+}
+TEST_F(TwoCoresTest, AFrameBesideTheNextOneIsNotLateUntilAThirdWaits) {
+  learn_rest();
+  frame(5 * kPeriodUs / 2);
+  EXPECT_EQ(status().missed_deadlines, 0U);
+  frame(7 * kPeriodUs / 2);
+  EXPECT_EQ(status().missed_deadlines, 1U);
+}
+
+// Otherwise the event that the camera is back would come after the first frame.
+TEST_F(DaemonTest, TheLinkThreadIsWokenOnceTheFrameIsCounted) {
+  std::vector<uint64_t> seen;
+  line_.when_woken = [&] { seen.push_back(exchange_.frames_processed); };
+  for (int i = 0; i < 3; ++i) frame(5'000);
+  EXPECT_EQ(seen, (std::vector<uint64_t>{1, 2, 3}));
 }
 
 // A frame takes 14 ms at 60 Hz, then 20 ms, then 12 ms.

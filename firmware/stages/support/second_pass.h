@@ -41,10 +41,10 @@ class SecondPass {
   void refine(SolvedForces& forces, SaturationCounter& saturations);
   // For the last refine() and its `forces`; xyz interleaved, 1/64 standard deviation (solve/support_solver.h).
   void compute_residual(const SolvedForces& forces, std::span<int32_t> residual, SaturationCounter& saturations);
-  // `forces`: of the last refine(). is_trusted: the frame may enter the history; else the history begins anew.
+  // `forces`: from the last refine(). `is_trusted`: the frame may enter the average; otherwise averaging starts again.
   void average(bool is_trusted, SolvedForces& forces, SaturationCounter& saturations);
   void apply_relaxation(uint64_t capture_us, SolvedForces& forces, SaturationCounter& saturations);
-  // The last frame does not enter the average.
+  // Averaging starts again with the next frame.
   void distrust();
   // Resets average and relaxation: the pad was never touched.
   void forget();

@@ -77,15 +77,17 @@ class FrameClock:
         return made
 
     def has_drawn(self) -> None:
-        """The frame is there, and goes to the camera now."""
+        """The frame is there, and is sent now. Time that went on without it goes on."""
         with self._lock:
-            self._made_s, self._is_drawn = self._real(), True
+            if not self._is_drawn:
+                self._made_s, self._is_drawn = self._real(), True
 
     def without_frames(self) -> None:
         """The camera has gone or stands still: until the next frame time runs at its real pace."""
         with self._lock:
-            start_s = self._real() - self._grace_s
-            self._made_s, self._is_drawn = min(self._made_s, start_s) if self._is_drawn else start_s, True
+            without_grace_s = self._real() - self._grace_s
+            self._made_s = min(self._made_s, without_grace_s) if self._is_drawn else without_grace_s
+            self._is_drawn = True
         self._changed.set()
 
     def stop(self) -> None:

@@ -141,9 +141,7 @@ def build_twin_bench(
     twin = PressedTwin(unit, indenter, loader)
     server = TwinServer(unit.renderer(), twin, Scenario(seed=seed), camera)
     server.after_sending = twin.tell
-    if clock:
-        server.next_frame = clock.next_frame
-        server.after_drawing, server.after_camera = clock.has_drawn, clock.without_frames
+    server.clock = clock
     cell = EmulatedNetworkCell(rate_hz, seed, mount)
     twin.listeners.append(cell.measure)
     return TwinBench(twin, server, cell)

@@ -136,6 +136,19 @@ def steer_from(lines: Iterable[str], steered: Steered) -> None:
         steered.move_to(Pose(x, y, depth))
 
 
+class Clock(Protocol):
+    """Simulated time that the frames of a camera in lockstep drive (`ruffini.rig.frame_clock`)."""
+
+    def next_frame(self) -> int:
+        """The number of the next frame, once it is wanted."""
+
+    def has_drawn(self) -> None:
+        """The frame is there, and is sent now."""
+
+    def without_frames(self) -> None:
+        """The camera has gone, or has its last frame."""
+
+
 class TwinServer(FrameServer):
     """Serves one camera at a time, each from frame 0. `with` runs it in a thread."""
 
@@ -147,9 +160,7 @@ class TwinServer(FrameServer):
         self._n_kept = 0  # frames; then they begin again
         self.n_sent = 0
         self.after_sending: Callable[[int], None] = lambda _: None  # told the frame that the camera just got
-        self.next_frame: Callable[[], int] | None = None  # in lockstep: the number of the next one, once it is wanted
-        self.after_drawing: Callable[[], None] = lambda: None  # told that a frame is there, before it is sent
-        self.after_camera: Callable[[], None] = lambda: None  # told that the camera went, or got its last frame
+        self.clock: Clock | None = None  # in lockstep
 
     def picture(self, frame: int) -> npt.NDArray[np.uint8] | None:
         """Frame `frame` as the frame path would get it; None = the end."""
@@ -179,15 +190,16 @@ class TwinServer(FrameServer):
         try:
             self._stream_frames(camera, is_paced=is_paced)
         finally:
-            self.after_camera()
+            if self.clock is not None:
+                self.clock.without_frames()
 
     def _stream_frames(self, camera: socket.socket, *, is_paced: bool) -> None:
         frame = 0
         while not self._stop.is_set():
             if is_paced:
                 frame = self._wait_for(frame)
-            elif self.next_frame is not None:
-                frame = self.next_frame()
+            elif self.clock is not None:
+                frame = self.clock.next_frame()
             states = self._frames.states(frame % self._n_kept if self._n_kept else frame)
             if states is None:
                 self._send_frame(camera, frame, b"")
@@ -198,7 +210,8 @@ class TwinServer(FrameServer):
                 for is_unlit in kinds
                 if self._scenario.is_sent(frame, is_unlit=is_unlit)
             }
-            self.after_drawing()
+            if self.clock is not None:
+                self.clock.has_drawn()
             for is_unlit, data in drawn.items():
                 number = 2 * frame + (not is_unlit) if self._board.alternates else frame
                 self._send_frame(camera, number, data)

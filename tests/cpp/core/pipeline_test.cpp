@@ -3,11 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <random>
 #include <string>
 #include <vector>
 
 #include "frame_calibration.h"
+#include "frame_path.h"
 #include "support/calibration_bytes.h"
+#include "support/scenes.h"
 #include "support/texture_calibration.h"
 
 namespace ruffini {
@@ -97,6 +100,42 @@ TEST_F(PipelineTest, AContactModelWithoutAWrenchIsRefused) {
   const Status loaded = pipeline_.load(&file_->get(), {Slot::kMarkers});
   ASSERT_FALSE(loaded);
   EXPECT_NE(loaded.error().message.find("contact_model without wrench"), std::string::npos);
+}
+
+// Forces x, y, z of all nodes: noise on a dent that is held, with [contact] steady_frames, each frame judged with `flags`.
+std::vector<int32_t> held_dent(int steady_frames, uint32_t flags) {
+  BoardSettings board = test::dots().board;
+  board.contact.steady_frames = steady_frames;
+  const std::shared_ptr<const CalibrationFile> file = CalibrationFile::load(test::diagonal_calibration(board)).value();
+  FrameState state = FramePath::configure(board, file, ticking_clock).value()->state();
+  Rest rest(board.camera.width_px, board.camera.height_px, 1);
+  Pipeline pipeline(board, rest, state, ticking_clock);
+  EXPECT_TRUE(pipeline.load(&file->get()));
+  std::mt19937 random(7);
+  std::vector<int32_t> out;
+  const auto n_x = static_cast<size_t>(board.grid.n_x);
+  const auto steps = [](int value) { return DisplacementUm::from_raw(static_cast<int16_t>(value)); };
+  for (int t = 0; t < 8; ++t) {
+    for (size_t i = 0; i < state.displacement.node.size(); ++i) {
+      const bool is_pressed = i / n_x / 3 == 2 && i % n_x / 3 == 2;  // 3 x 3 nodes
+      const int noise = static_cast<int>(random() % 3) - 1;
+      state.displacement.node[i] = {steps(noise), steps(-noise), steps((is_pressed ? -2'000 : 0) + noise)};
+    }
+    Frame given{.is_measured = false, .is_displacement_given = true};
+    pipeline.enter(0, given);
+    pipeline.run_from(Slot::kDisplacement, given);
+    uint32_t judged = flags;
+    pipeline.judge(judged);
+    for (const NodeForce& f : state.solve.force) out.insert(out.end(), {f.x, f.y, f.z});
+  }
+  return out;
+}
+
+TEST(Averaging, BeginsAgainAfterAFrameThatIsFlaggedOnceItIsSolved) {
+  const auto each = held_dent(1, 0);
+  EXPECT_NE(held_dent(8, 0), each);
+  EXPECT_EQ(held_dent(8, kFlagFeatures), each) << "the camera has moved";
+  EXPECT_NE(held_dent(8, kFlagRestUnverified), each) << "which spoils no force";
 }
 
 }  // namespace

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from hang import HANG_S
+from hang import HANG_S, until
 
 from ruffini.errors import InputError
 from ruffini.sim.contact import Indenter, Pose
@@ -99,6 +99,42 @@ def test_every_camera_gets_the_same_bits(coarse_unit, tmp_path):
     assert first.keys() == again.keys()
     assert all((first[i] == again[i]).all() for i in first)
     assert (first[next(iter(first))] != other[next(iter(first))]).any()
+
+
+class ToldClock:
+    """Lets frames come one after the other, and notes what it is told."""
+
+    def __init__(self):
+        self.told = []
+
+    def next_frame(self):
+        number = sum(what == "next" for what in self.told)
+        self.told.append("next")
+        return number
+
+    def has_drawn(self):
+        self.told.append("drawn")
+
+    def without_frames(self):
+        self.told.append("without")
+
+
+@pytest.mark.parametrize("goes_early", [False, True])
+def test_the_clock_of_a_camera_in_lockstep_is_told_of_each_frame_and_of_the_end(coarse_unit, tmp_path, goes_early):
+    clock = ToldClock()
+    with TwinServer(coarse_unit.renderer(), Scripted(coarse_unit, rest()), rest(), tmp_path / "twin") as server:
+        server.clock = clock
+        server.after_sending = lambda _: clock.told.append("sent")
+        camera = Camera(tmp_path / "twin")
+        if goes_early:
+            next(camera.frames())
+            camera.socket.close()
+        else:
+            assert list(dict(camera.frames())) == list(range(N))
+        until(lambda: clock.told[-1:] == ["without"], "the end")
+    whole = ["next", "drawn", "sent"] * N + ["next", "without"]
+    assert clock.told[:-1] == whole[: len(clock.told) - 1]
+    assert goes_early or clock.told == whole
 
 
 def test_a_stall_is_a_gap_in_the_numbers(coarse_unit, tmp_path):
