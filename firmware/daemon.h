@@ -1,6 +1,6 @@
 // Threads of ruffinid: capture -> frame -> link, and one beside them for a learned network if the board has one.
-// Each thread repeats one step; tests/sim runs the same steps on a virtual clock. With [pipeline] cores = 2 there are two
-// frame threads, the second of which ends the frames (segment_turns.h).
+// Each thread repeats one step; tests/sim runs the same steps on a virtual clock. With [pipeline] cores = 2 there are
+// two frame threads, the second of which ends the frames (segment_turns.h).
 #pragma once
 
 #include <array>

@@ -1,5 +1,5 @@
-// Takes frames through the segments of a path (core/stages.h), by one frame thread or two: a segment holds one frame, and
-// frames keep their order. No lock.
+// Takes frames through the segments of a path (core/stages.h), by one frame thread or two: a segment holds one frame,
+// and frames keep their order. No lock.
 #pragma once
 
 #include <array>

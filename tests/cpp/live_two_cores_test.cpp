@@ -423,7 +423,8 @@ TEST_F(LiveTwoCoresRate, IsKeptWhereBothThreadsTogetherTakeLongerThanAnInterval)
   EXPECT_EQ(exchange_.frames_left_out, 0U);
 }
 
-// The first thread takes 60 ms for its part of a frame, then waits for 50 ms until the second has ended the frame before.
+// The first thread takes 60 ms for its part of a frame, then waits for 50 ms until the second has ended the frame
+// before.
 TEST_F(LiveTwoCoresRate, IsKeptWhereTheFirstThreadWaitsForTheSecond) {
   constexpr uint64_t kFrames = 100;
   work.us[kFirst] = 60'000;
