@@ -66,7 +66,7 @@ def side_by_side(board: str, n: int, n_envs: int) -> float:
 
 
 def processor_s(pids: list[int]) -> float:
-    """Of this process and of the daemons."""
+    """Of this process and of the daemons and cameras."""
     ticks = 0
     for pid in (os.getpid(), *pids):
         fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
@@ -93,7 +93,7 @@ def full(board: str, n: int, calibration: Path | None) -> tuple[float, float, fl
             for stream in streams:
                 while stream.get(0.0) is not None:
                     pass
-            pids = [daemon.pid for daemon in live.daemons.values()]
+            pids = [process.pid for process in (*live.daemons.values(), *live.cameras.values())]
             start_s, start_cpu_s = time.monotonic(), processor_s(pids)
             for _ in range(n):
                 live.step()
