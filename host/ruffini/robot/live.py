@@ -18,6 +18,7 @@ from ruffini.errors import NoDeviceError
 from ruffini.robot.pad_camera import PadCamera
 from ruffini.robot.world import World
 
+CATCH_UP = 5  # frames; a computer that is too slow altogether must not hurry for ever after it
 SILENCE_S = 0.5  # without a frame, after which the grip is held
 
 
@@ -58,13 +59,13 @@ class Live:
         self._stack.close()
 
     def step(self) -> None:
-        """Physics of one frame, shown to the cameras, at the clock's pace; late ones are not caught up with."""
+        """Physics of one frame, shown to the cameras, at the clock's pace; CATCH_UP late frames are made up for."""
         self.world.step()
         for name, camera in self.cameras.items():
             camera.show(self.world.pads[name].contact.surface_displacement())
         now = time.monotonic()
         time.sleep(max(0.0, self._next_s - now))
-        self._next_s = max(self._next_s, now) + self.world.frame_s
+        self._next_s = max(self._next_s, now - CATCH_UP * self.world.frame_s) + self.world.frame_s
 
 
 class HeldSensor:
