@@ -7,9 +7,8 @@ noise of the features in untouched frames, through K: untouched frames are told 
     normal distributions, since a load of a fiftieth of full scale moves an axis by more than noise does;
 noise of a target that has moved, which meets the pixels' grid anew: larger by the factor by which the features
     disagree with each other, which six axes cannot explain;
-errors of the map, growing with the load: products of its errors at different moments, where white noise has the mean
-    zero, and twice the variance that the reference's noise leaves in K, as the fit has followed that noise. A recording
-    left out may be the only one that loads an axis: its error would be of loads that the log does not have.
+errors of the map, growing with the load: products of held-out errors at different moments, where white noise has the
+    mean zero. At least the standard error that the reference's noise leaves in K.
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ N_PASSES = 200  # of the mixture
 FIRST_PART = 0.3  # of those frames, the nearest to zero, that the mixture begins with
 APART = 4.0  # variance of light touches over that of noise: below, all are one
 LEAST_SHARE = 0.1  # of the features' noise that their disagreement must show, summed over features
+LEAST_ERROR = 0.0015  # of full scale, under a full load: loads that are held for other times than the log's
 PAIR_S = 0.3  # apart at most: the load, and the map's error with it, is then the same
 LEAST_APART = 2  # frames: a reference read between two frames has noise in common with both
 JITTER = 1e-9
@@ -73,7 +73,7 @@ def _log_density(rows: Array, covariance: Array) -> Array:
 
 class Seen(NamedTuple):
     """Of each frame: what the map says at once (t, 6); its size over full scale (t,); features less those that the said
-    wrench makes (t, n); errors against the reference (t, 6). is_loaded (t,).
+    wrench makes (t, n); held-out errors (t, 6). is_loaded (t,).
     """
 
     at_once: Array
@@ -94,8 +94,8 @@ def stated(seen: Seen, frames: Frames, full: Array) -> tuple[Array, Array]:
     of_reference = np.maximum(_mean_square(seen.errors[may_rest], quiet.weight) - np.diag(noise), 0)
     per_load = max(float((seen.size**2).mean()), JITTER)
     standard_error = of_reference * frames.features.shape[1] / len(seen.size) / per_load
-    of_map = _growing(seen, frames, constant, of_reference) + 2 * standard_error
-    growing = np.where(full > 0, np.maximum(of_map, standard_error), 0)
+    of_map = np.maximum(_growing(seen, frames, constant, of_reference), standard_error)
+    growing = np.where(full > 0, of_map + (LEAST_ERROR * full) ** 2, 0)
     return constant, np.diag(growing)
 
 
@@ -134,9 +134,10 @@ def _growing(seen: Seen, frames: Frames, constant: Array, of_reference: Array) -
         left = (seen.errors[loaded] ** 2).mean(axis=0) - of_reference - np.diag(constant)
         return np.asarray(left / (seen.size[loaded] ** 2).mean())
     unit = np.maximum((seen.disagreement[seen.is_loaded] ** 2).mean(axis=0), JITTER)
-    alike = float((seen.disagreement[first] * seen.disagreement[second] / unit).mean(axis=1).sum())
-    product = (seen.errors[first] * seen.errors[second]).sum(axis=0)
-    return np.asarray((product - max(alike, 0.0) * np.diag(constant)) / both)
+    alike = (seen.disagreement[first] * seen.disagreement[second] / unit).mean(axis=1)
+    share = max(float(alike.mean()), 0.0)
+    product = seen.errors[first] * seen.errors[second] - share * np.diag(constant)
+    return np.asarray(product.sum(axis=0) / both)
 
 
 def _pairs(frames: Frames) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:

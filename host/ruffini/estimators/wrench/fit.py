@@ -491,7 +491,7 @@ def _error(
     loaded = size2 > LOADED_PART**2
     _check_loaded(loaded)
     if frames.features.shape[1] <= FEW:
-        seen = Seen(at_once, np.sqrt(size2), off, found.predicted(frames) - frames.wrench, loaded)
+        seen = Seen(at_once, np.sqrt(size2), off, errors, loaded)
         return np.stack([_vectors(part) for part in stated(seen, frames, found.full)])
     left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
     growing = left / size2[loaded].mean()
