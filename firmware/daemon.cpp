@@ -160,6 +160,7 @@ void Daemon::frame_loop() {
       Flight& flight = flights_[number % 2];
       turns_.run(*path_, flight.frame, number, cut_.get());
       flight.first_us = devices_.clock.now_us() - flight.start_us;
+      turns_.enter(*path_, flight.frame, number);
       handed_.pass();
     } else {
       finish(number, flights_[number % 2].start_us);

@@ -1,6 +1,6 @@
 // Threads of ruffinid: capture -> frame -> link, and one beside them for a learned network if the board has one.
-// Each thread repeats one step; tests/sim runs the same steps on a virtual clock. With [pipeline] cores = 2 there are two
-// frame threads, the second of which ends the frames (segment_turns.h).
+// Each thread repeats one step; tests/sim runs the same steps on a virtual clock. With [pipeline] cores = 2 there are
+// two frame threads, the second of which ends the frames (segment_turns.h).
 #pragma once
 
 #include <array>
@@ -94,7 +94,7 @@ class Daemon {
     std::optional<FrameLease> lease{};
     Frame frame{};
     uint64_t start_us = 0;  // when a frame thread took it
-    uint64_t first_us = 0;  // until the first of two frame threads handed it over, waiting included
+    uint64_t first_us = 0;  // of the first of two frame threads, without its wait for the second
   };
   std::optional<int> take_frame(uint32_t number);
   void start(uint32_t number, FrameLease lease);

@@ -1,9 +1,9 @@
 // Processes one camera frame to forces. The board's stages run in core/pipeline; this class owns the rest image and its
 // checks, the checks on the picture, and the flags of a frame.
 //
-// A FramePath belongs to one sensor and one thread, or with [pipeline] cores = 2 to two frame threads: a frame passes the
-// segments (core/stages.h) one after the other, and each holds one frame at a time. All functions but begin(), enter() and
-// run() need a path without frames, or the last segment. configure() allocates; process() does not.
+// A FramePath belongs to one sensor and one thread, or with [pipeline] cores = 2 to two frame threads: a frame passes
+// the segments (core/stages.h) one after the other, and each holds one frame at a time. All functions but begin(),
+// enter() and run() need a path without frames, or the last segment. configure() allocates; process() does not.
 #pragma once
 
 #include <memory>
@@ -34,8 +34,8 @@ class FramePath {
   // relaxation is ignored.
   const FrameState& process(const FrameView& frame, uint64_t capture_us = 0);
 
-  // process() in its steps: begin() in the first segment, then in each segment enter(), after which the segment before is
-  // free, and run(). state() is that of the frame that the last segment holds.
+  // process() in its steps: begin() in the first segment, then in each segment enter(), after which the segment before
+  // is free, and run(). state() is that of the frame that the last segment holds.
   [[nodiscard]] size_t n_segments() const { return pipeline_.n_segments(); }
   [[nodiscard]] Frame begin(const FrameView& view, uint64_t capture_us);
   void enter(size_t segment, const Frame& frame) { pipeline_.enter(segment, frame); }

@@ -1,5 +1,5 @@
-// Takes frames through the segments of a path (core/stages.h), by one frame thread or two: a segment holds one frame, and
-// frames keep their order. No lock.
+// Takes frames through the segments of a path (core/stages.h), by one frame thread or two: a segment holds one frame,
+// and frames keep their order. No lock.
 #pragma once
 
 #include <array>
@@ -21,15 +21,19 @@ class SegmentTurns {
   }
   // Returns when the previous frame has ended.
   void wait_for_previous(const FramePath& path, uint32_t number) { turns_[path.n_segments() - 1].wait_for(number); }
-  // Runs the segments before `until`, and enters that one: the next frame may then have the ones before.
+  // Runs the frame's segment and those after it, before `until`, into which the frame must be taken by enter().
   void run(FramePath& path, Frame& frame, uint32_t number, size_t until) {
-    while (frame.segment < until) {
+    path.run(frame.segment, frame);
+    while (++frame.segment < until) {
+      enter(path, frame, number);
       path.run(frame.segment, frame);
-      if (++frame.segment == path.n_segments()) return;
-      turns_[frame.segment].wait_for(number);
-      path.enter(frame.segment, frame);
-      if (!frame.is_alone) turns_[frame.segment - 1].pass();
     }
+  }
+  // Returns when the frame has its next segment: the next frame may then have the ones before.
+  void enter(FramePath& path, Frame& frame, uint32_t number) {
+    turns_[frame.segment].wait_for(number);
+    path.enter(frame.segment, frame);
+    if (!frame.is_alone) turns_[frame.segment - 1].pass();
   }
   // The frame has ended: its results are no longer read.
   void end(const FramePath& path, const Frame& frame) {

@@ -8,7 +8,8 @@
 namespace ruffini {
 
 #if defined(__x86_64__)
-// True if this processor has AVX2 and the system keeps its registers. Not __builtin_cpu_supports: zig's run time always denies.
+// True if this processor has AVX2 and the system keeps its registers. Not __builtin_cpu_supports: zig's run time always
+// denies.
 [[nodiscard]] inline bool has_avx2() {
   constexpr unsigned kSavesYmm = 6;
   unsigned a = 0;

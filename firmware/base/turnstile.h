@@ -8,7 +8,8 @@
 
 namespace ruffini {
 
-// Frame 0 is first; the numbers wrap. What a thread did before pass() is seen after the next frame's wait_for(). No lock.
+// Frame 0 is first; the numbers wrap. What a thread did before pass() is seen after the next frame's wait_for(). No
+// lock.
 class Turnstile {
  public:
   // Returns when all frames before this one have passed. Precondition: fewer than 2^31 of them have not.

@@ -38,8 +38,8 @@ typedef struct {
 } ruffini_result_t;
 
 RUFFINI_API const char* ruffini_version(void);
-/* "vector" if the kernels are those of the processor's vector instructions (AVX2, NEON), "scalar" if not: the results are
- * equal, at a third of the speed. */
+/* "vector" if the kernels are those of the processor's vector instructions (AVX2, NEON), "scalar" if not: the results
+ * are equal, at a third of the speed. */
 RUFFINI_API const char* ruffini_kernels(void);
 /* Of the last failed call on this thread. */
 RUFFINI_API const char* ruffini_error(void);
@@ -60,8 +60,8 @@ RUFFINI_API int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, 
  * second, to [n][4] um Q8: x, y, z, and the gap between the two rays; INT32_MIN four times where they do not meet. */
 RUFFINI_API int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_q16, int32_t n,
                                     int32_t* out);
-/* The wrench of features alone, as the frame path has it (stages/feature_wrench/feature_wrench.h): kind `wrench` of a calibration
- * for `n` features of this sort, without a board. NULL on failure. */
+/* The wrench of features alone, as the frame path has it (stages/feature_wrench/feature_wrench.h): kind `wrench` of a
+ * calibration for `n` features of this sort, without a board. NULL on failure. */
 typedef struct ruffini_wrench ruffini_wrench;
 RUFFINI_API ruffini_wrench* ruffini_wrench_open(const uint8_t* calibration, size_t calibration_bytes,
                                                 const char* features, int32_t n);
@@ -83,7 +83,8 @@ RUFFINI_API int ruffini_solve(ruffini_pipeline* pipeline, const int16_t* displac
                               int32_t* force);
 
 /* The results of the last processed frame, as arrays: each shows one slot that a stage of this board writes with this
- * calibration (firmware/core/slots.h). Learned once, by name; the list and the shapes are those of the open pipeline. */
+ * calibration (firmware/core/slots.h). Learned once, by name; the list and the shapes are those of the
+ * open pipeline. */
 typedef struct {
   const char* name;
   const char* type;    /* as numpy names it: u1, i2, i4, i8 */

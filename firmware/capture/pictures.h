@@ -1,5 +1,6 @@
 // Pictures of a recording, and the entry point of libruffini_pictures.so, which decodes videos and the images that are
-// neither PNG nor JPEG. It is a separate library, loaded only for those, because it depends on over two hundred libraries.
+// neither PNG nor JPEG. It is a separate library, loaded only for those, because it depends on over two hundred
+// libraries.
 #pragma once
 
 #include <cstddef>

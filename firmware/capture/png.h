@@ -1,5 +1,5 @@
-// Decodes a PNG file to B, G, R with libpng. The input is untrusted: a damaged or truncated file is rejected. 16 bits are
-// cut to 8, grey becomes three equal colours, and transparency is dropped, as OpenCV's imread does.
+// Decodes a PNG file to B, G, R with libpng. The input is untrusted: a damaged or truncated file is rejected. 16 bits
+// are cut to 8, grey becomes three equal colours, and transparency is dropped, as OpenCV's imread does.
 #pragma once
 
 #include <cstddef>

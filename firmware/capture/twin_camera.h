@@ -5,9 +5,9 @@
 // version u32 = 1, width u32, height u32, rate u32 (millihertz), length u32 of the board's name, the name. The camera
 // sends one byte when it needs its first frame: 'P' paced (the sender keeps its rate and skips frames that are
 // late) or 'L' lockstep (every frame, as fast as it is taken; the time of a frame is its number times the period of the
-// recording or, for a twin, of the board). Then each frame is: "RFTF", bytes u32, number u64 (gaps mean dropped frames), pixels B G R row by row. "RFTF"
-// with 0 bytes is the end. For a board with light.alternation each frame is two: number 2 i with the lamps off, 2 i + 1
-// with them on.
+// recording or, for a twin, of the board). Then each frame is: "RFTF", bytes u32, number u64 (gaps mean dropped
+// frames), pixels B G R row by row. "RFTF" with 0 bytes is the end. For a board with light.alternation each frame is
+// two: number 2 i with the lamps off, 2 i + 1 with them on.
 #pragma once
 
 #include <memory>

@@ -1,9 +1,9 @@
 // Runs the board's stages in the order of the table and times each (Frame::stage_ns).
 //
 // The table determines legal combinations: a stage runs if its tables are loaded and an earlier stage writes each slot
-// that it must read. With [pipeline] cores = 2 the stages are in segments (core/stages.h), each of which can hold another
-// frame: a segment is used by one frame thread at a time, enter() by the one that holds the segment before it, too. All
-// other functions need all segments. No allocation after load().
+// that it must read. With [pipeline] cores = 2 the stages are in segments (core/stages.h), each of which can hold
+// another frame: a segment is used by one frame thread at a time, enter() by the one that holds the segment before it,
+// too. All other functions need all segments. No allocation after load().
 #pragma once
 
 #include <cstdint>

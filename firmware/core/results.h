@@ -23,8 +23,8 @@ struct SolvedForces {
   std::span<const uint8_t> mask;  // degree of contact, ContactMask's 0..128
   int64_t threshold_lsb = 0;      // threshold of the mask (solve/contact_mask.h)
   bool is_pressed = false;        // ContactMask::is_pressed()
-  // False while the light drifts and nothing was touched before: the drift's effect on depth cannot be distinguished from
-  // a faint touch
+  // False while the light drifts and nothing was touched before: the drift's effect on depth cannot be distinguished
+  // from a faint touch
   bool is_light_steady = true;
   bool is_refined = false;  // by the second pass, in this frame
   bool is_at_finite_strain = false;

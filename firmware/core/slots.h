@@ -1,8 +1,8 @@
 // Data of one frame: the slots through which stages pass data to each other and to the encoders.
 //
 // A slot has one writer among a board's stages. A later stage may be declared to amend it; all others have a const view
-// (core/stages.cpp lists who reads, writes and amends each slot). A slot keeps its content until its writer runs again: a
-// stage before the writer reads the previous frame's (but not its pictures, if a later segment receives them). All
+// (core/stages.cpp lists who reads, writes and amends each slot). A slot keeps its content until its writer runs again:
+// a stage before the writer reads the previous frame's (but not its pictures, if a later segment receives them). All
 // buffers are sized in FramePath::configure.
 #pragma once
 

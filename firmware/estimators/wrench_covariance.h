@@ -43,8 +43,9 @@ class WrenchErrorModel {
   static constexpr int kParameters = 8;
   static constexpr int64_t kMaxSigma = int64_t{1} << 28;  // uN, uN mm: 268 N
   // Twice the sigma at a share s of independent nodes makes the variance 1 + 3 s times as large, but one lost marker
-  // affects several nodes. A factor of 6 makes sigma 1.14, 1.26 and 1.48 times as large at shares of 5, 10 and 20 %, where the
-  // error of the resultant was 1.07, 1.11 and 1.57 times as large (host/ruffini/fem/DESIGN.md, "Lost markers").
+  // affects several nodes. A factor of 6 makes sigma 1.14, 1.26 and 1.48 times as large at shares of 5, 10 and 20 %,
+  // where the error of the resultant was 1.07, 1.11 and 1.57 times as large (host/ruffini/fem/DESIGN.md, "Lost
+  // markers").
   static constexpr int64_t kFilledShear = 6;
 
   // Loads the tensor support.error_wrench. stiffness_q20: relative, at most one half.

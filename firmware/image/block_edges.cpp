@@ -16,8 +16,8 @@ constexpr ptrdiff_t kChannels = 3;
 constexpr int kUnlimited = 8 * 255;
 constexpr int64_t kRatioPercent = 120;
 
-// Two pixels side by side: the one in the middle of a block and the one at its end, each with a byte that is ignored. GCC
-// and clang have such types for every target.
+// Two pixels side by side: the one in the middle of a block and the one at its end, each with a byte that is ignored.
+// GCC and clang have such types for every target.
 using Pixels __attribute__((vector_size(16))) = uint32_t;
 using Bytes __attribute__((vector_size(16))) = uint8_t;
 using Lanes __attribute__((vector_size(16))) = int16_t;

@@ -1,7 +1,8 @@
 // Computes the displacement of the nodes in the pad's frame, in micrometres, from markers and depth.
 //
 //   marker:  u = [(p - p_0) H + (p - c) u_z] / f, u_z = depth at the marker's current position (bilinear)
-//            with a camera map (image/camera_map.h): u = A(p) + S(p) u_z - A(p_0), u_z at A(p) in the ideal pinhole's view
+//            with a camera map (image/camera_map.h): u = A(p) + S(p) u_z - A(p_0), u_z at A(p) in the ideal pinhole's
+//            view
 //   lattice: outliers among neighbours are found; they and the lost markers are filled smoothly (image/field_repair.h)
 //   markers -> nodes: image/marker_interpolation.h
 //   node:    u_z = depth at p = c + f (X + u_xy) / (H + u_z), two rounds

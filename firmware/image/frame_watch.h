@@ -7,9 +7,10 @@
 //             of rest plus noise of 12 grey levels (a burst); or a column of some 40 rows that deviates from the
 //             previous one by more than half of rest plus 8 grey levels (a column or a side is missing; presses on the
 //             twin reach 0.47 of that)
-//   light wrong: mean of a channel below half or above twice that of rest; only of channels above 16 grey levels at rest
-//   level off: the mean of all channels differs from rest by more than a quarter. A press on a fingertip changes it by at
-//             most 1 % on the twin; an offset of 26 grey levels, which moves the pins' centroids, by 58 %
+//   light wrong: mean of a channel below half or above twice that of rest; only of channels above 16 grey levels at
+//             rest
+//   level off: the mean of all channels differs from rest by more than a quarter. A press on a fingertip changes it by
+//             at most 1 % on the twin; an offset of 26 grey levels, which moves the pins' centroids, by 58 %
 //
 // The samples are 12 to 20 px apart without a period, so that rows of dots do not align with them.
 //

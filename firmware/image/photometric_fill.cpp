@@ -5,7 +5,8 @@
 namespace ruffini {
 namespace {
 
-// True if one of four numbers, none of them negative, is zero: the lowest zero is the first from which a one is borrowed.
+// True if one of four numbers, none of them negative, is zero: the lowest zero is the first from which a one is
+// borrowed.
 bool has_zero(const int16_t* numbers) {
   constexpr uint64_t kOnes = 0x0001'0001'0001'0001;
   uint64_t four;

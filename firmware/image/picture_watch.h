@@ -17,8 +17,8 @@ struct PictureWatch {
         pixels(width_px, height_px),
         blocks(width_px, height_px) {}
 
-  // Order of calls: begin_rest(), repeated.run() and add_rest() for each rest frame, then learn() with the rest image. The
-  // image may also come from a file or another path; then learn() alone is called.
+  // Order of calls: begin_rest(), repeated.run() and add_rest() for each rest frame, then learn() with the rest image.
+  // The image may also come from a file or another path; then learn() alone is called.
   void begin_rest() {
     repeated.begin_rest();
     pixels.begin_rest();

@@ -4,7 +4,8 @@
 //   ties   share of horizontally adjacent pixel pairs with equal levels, over all channels, without black and white
 //          ones
 //   colour sum of |a_B - a_G| + |a_R - a_G| over the pairs; a: right pixel minus left one
-//   d      (mean of a window) / (its mean at rest) - followed gain (image/light.h; not the map), per channel, of windows
+//   d      (mean of a window) / (its mean at rest) - followed gain (image/light.h; not the map), per channel, of
+//          windows
 //          without edges
 //   dark, bright   medians of d over the darker and the brighter third of the windows, by their level at rest
 //

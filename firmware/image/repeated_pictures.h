@@ -8,8 +8,8 @@
 //           pictures, or all cells have
 //
 // Sensor noise makes an equal hash of kSamples pixels practically impossible, also in a fingertip's dark cells, where
-// 12 pixels do not suffice. A V4L2 driver has at most 32 buffers (VIDEO_MAX_FRAME), so an old buffer is among the last 31
-// pictures. Two cells are required because strong compression may repeat a flat cell. If cells repeat among the rest
+// 12 pixels do not suffice. A V4L2 driver has at most 32 buffers (VIDEO_MAX_FRAME), so an old buffer is among the last
+// 31 pictures. Two cells are required because strong compression may repeat a flat cell. If cells repeat among the rest
 // frames, the camera has no noise: then only a picture that is equal in all cells counts as old; likewise after a rest
 // of one frame that had no older one to compare with.
 //

@@ -1,15 +1,17 @@
 // Detects displaced rows of a picture by scattered markers, which all jump together at the edge of such rows; as
 // image/slipped_rows.h does for lattices.
 //
-//   above, below   of each marker: the nearest one within 45 degrees of the column and an eighth of the picture's height
+//   above, below   of each marker: the nearest one within 45 degrees of the column and an eighth of the picture's
+//                  height
 //   jump(i)        d(below i) - d(i)        d: displacement, px
 //   bend(i)        jump(i) - mean of jump(above i) and jump(below i), as far as these exist
-//   slipped        at some line, each fourth one, along x or y, half of the pairs of i and below i that it separates bend
+//   slipped        at some line, each fourth one, along x or y, half of the pairs of i and below i that it separates
+//                  bend
 //                  to the same side by more than 0.2 px; at least kMinPairs pairs
 //
-// On the twin of a fingertip of two views, presses of up to 0.5 N make at most a third of the pairs bend so, a slip by a
-// pixel more than half. Limit: rows that hold no marker. Frame thread; no allocation after the constructor but in learn().
-// Not in the papers.
+// On the twin of a fingertip of two views, presses of up to 0.5 N make at most a third of the pairs bend so, a slip by
+// a pixel more than half. Limit: rows that hold no marker. Frame thread; no allocation after the constructor but in
+// learn(). Not in the papers.
 #pragma once
 
 #include <array>

@@ -3,7 +3,8 @@
 //   change  = 2^12 sum of glow / sum of base over the taxel's pixels, floor; clamped to +-2^15
 //   light   = median of all changes: warming or ageing panels; touches light up less than half of the skin
 //   ratio   = 2^12 (change - light) / (2^12 + light), floor
-//   stray   = mean glow of each patch of the black surroundings, without sign: outside light, or a lower black level; 1/64
+//   stray   = mean glow of each patch of the black surroundings, without sign: outside light, or a lower black level;
+//           1/64
 //             levels, floor
 //
 // The calibration (kind `skin`) lists the pixels of taxels and patches as runs (first pixel, length, number); patches

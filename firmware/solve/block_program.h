@@ -32,7 +32,8 @@ class BlockProgram {
   [[nodiscard]] int n_in() const { return n_in_; }
   [[nodiscard]] int n_out() const { return static_cast<int>(out_.size() / n_unfold_); }
 
-  // Selects the outputs that run() computes (all at first) from all inputs. The values of the other outputs are undefined.
+  // Selects the outputs that run() computes (all at first) from all inputs. The values of the other outputs are
+  // undefined.
   void select(std::span<const uint32_t> outputs);
   // The same from `inputs` alone: run() takes the others for zero, and skips the blocks that read only those.
   void select(std::span<const uint32_t> outputs, std::span<const uint32_t> inputs);

@@ -67,6 +67,7 @@ class Unit {
       start(n_frames_);
       if (second.joinable()) {
         turns_.run(*path_, flights_[n_frames_ % 2].frame, n_frames_, cut_.get());
+        turns_.enter(*path_, flights_[n_frames_ % 2].frame, n_frames_);
         handed_.pass();
       } else {
         finish(n_frames_);

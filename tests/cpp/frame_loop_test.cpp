@@ -1,8 +1,9 @@
-// What the frame thread costs the kernel: the real daemon with a live camera over a real pty, with subscriptions of a usual host.
+// What the frame thread costs the kernel: the real daemon with a live camera over a real pty, with subscriptions of a
+// usual host.
 //
-// A seccomp filter on the frame thread alone makes a signal of each of its system calls; the handler counts it and makes it
-// in its place, under a sixth argument that the filter lets through. Page faults are getrusage's, of this thread. The camera waits
-// until the thread sleeps: the dearest case. RUFFINI_SOAK: a million frames.
+// A seccomp filter on the frame thread alone makes a signal of each of its system calls; the handler counts it and
+// makes it in its place, under a sixth argument that the filter lets through. Page faults are getrusage's, of this
+// thread. The camera waits until the thread sleeps: the dearest case. RUFFINI_SOAK: a million frames.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <linux/audit.h>
@@ -37,8 +38,8 @@ namespace {
 
 constexpr uint32_t kOurs = 0x72756666;  // the sixth argument of calls that are not the thread's own
 constexpr uint64_t kWarmFrames = 50;    // rest is learned, every branch was taken, every page touched
-// Of camera.rate_mhz: on a busy computer the governor would leave out frames of a faster camera, and SlowCamera waits for
-// each.
+// Of camera.rate_mhz: on a busy computer the governor would leave out frames of a faster camera, and SlowCamera waits
+// for each.
 constexpr int64_t kSlowestRateMhz = 100;
 
 std::atomic<uint64_t> n_calls{0};

@@ -1,4 +1,5 @@
-// [pipeline] cores = 2 gives the bits of one core: segment by segment, and with the daemon's two frame threads over a real pty.
+// [pipeline] cores = 2 gives the bits of one core: segment by segment, and with the daemon's two frame threads over a
+// real pty.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -149,6 +150,30 @@ def test_a_camera_that_stands_still_is_named(tmp_path: Path) -> None:
         pytest.raises(NoDeviceError, match="is the camera running"),
     ):
         record_stream(host, tmp_path / "a.mcap", n_frames=5)
+
+
+class Slow(ToldSensor):
+    """Answers STATUS: so many frames were left out."""
+
+    def __init__(self, n_left_out: int) -> None:
+        super().__init__([info_of(find_board("gelslim"))], lambda *_: {}, rate_hz=None)
+        self._n_left_out = n_left_out
+
+    def _answer(self, frame: Any) -> None:
+        if SCHEMA.type_name(frame.type) == "STATUS":
+            self._send("STATUS", SCHEMA.new("Status", frames_left_out=self._n_left_out), 255)
+        super()._answer(frame)
+
+
+@pytest.mark.parametrize("n", [0, 150])
+def test_info_says_why_frames_were_left_out(n: int) -> None:
+    with Slow(n) as device:
+        text, data = (run_ruffini("info", *words, port=device.port) for words in ([], ["--json"]))
+    assert (text.code, data.code) == (0, 0), text.err + data.err
+    assert json.loads(data.out)["frames_left_out"] == n
+    words = "left out 150 frames: the computer was too slow for every frame, or had lowered its clock"
+    assert (f"  {words}" in text.out.splitlines()) == (n == 150)
+    assert ("left out" in text.out) == (n == 150)
 
 
 NO_REFERENCE = SCHEMA.enum_number("FlagBit", "FLAG_NO_REFERENCE")

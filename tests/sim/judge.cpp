@@ -257,7 +257,8 @@ void Judge::check_reply(const ReferenceFrame& frame) {
 
 void Judge::check_status(const ReferenceFrame& frame) {
   const auto m = decoded(frame, ruffini_Status_fields, ruffini_Status(ruffini_Status_init_zero));
-  const uint64_t accounted = m.frames_processed + m.drops.capture_overrun + m.drops.invalid_frame + m.repeated_frames;
+  const uint64_t accounted =
+      m.frames_processed + m.drops.capture_overrun + m.drops.invalid_frame + m.repeated_frames + m.frames_left_out;
   log_.say(now_us_, "status", {m.frames_captured, m.frames_processed, m.drops.link_backpressure, m.health});
   want(m.frames_captured == accounted || m.frames_captured == accounted + 1, "STATUS accounts for every frame");
 }
@@ -283,11 +284,12 @@ void Judge::after_frame() {
   if (is_good) ++trial_good_;
 }
 
-// captured = processed + overrun + invalid + not used + in flight.
+// captured = processed + overrun + invalid + not used + left out + in flight.
 void Judge::check_counters() {
   const Exchange& e = *exchange_;
   want(e.frames_captured == camera_->n_given(), "every frame of the camera is counted");
-  const uint64_t accounted = e.frames_processed + e.frames_overrun + e.frames_invalid + e.frames_repeated;
+  const uint64_t accounted =
+      e.frames_processed + e.frames_overrun + e.frames_invalid + e.frames_repeated + e.frames_left_out;
   want(e.frames_captured == accounted + (is_mailbox_full_ ? 1 : 0), "a frame is processed, or its drop is counted");
 }
 

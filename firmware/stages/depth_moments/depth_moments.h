@@ -8,9 +8,9 @@
 // Means are over the cells that lie inside the window; X and Y are the cell's place from the pad's centre, in halves of
 // the pad's size, Q11. Units: f_1 2^-24 of the window, the others 2^-14 um; each at most 2^26, half up, zero at rest.
 //
-// Only sums, about the pad's centre: all are continuous from zero on. A centroid or a central moment would be divided by
-// the volume, and jump at the first touched cell. A pad that is stiffer towards its rim by a quadratic in X and Y, or
-// the moment of a force about the centre, is linear in these sums.
+// Only sums, about the pad's centre: all are continuous from zero on. A centroid or a central moment would be divided
+// by the volume, and jump at the first touched cell. A pad that is stiffer towards its rim by a quadratic in X and Y,
+// or the moment of a force about the centre, is linear in these sums.
 //
 // Places are those of the undeformed surface. Not in the papers. Frame thread; one pass over the window's cells, no
 // allocation after the constructor.

@@ -1,5 +1,5 @@
-// Moments of the dent (stages/depth_moments/depth_moments.h), as features of a wrench. Depth of other optics is for display,
-// so that no features are made of it.
+// Moments of the dent (stages/depth_moments/depth_moments.h), as features of a wrench. Depth of other optics is for
+// display, so that no features are made of it.
 #include "core/stages.h"
 #include "image/camera_map.h"
 #include "stages/depth_moments/depth_moments.h"

@@ -13,9 +13,9 @@
 //   dF = |R_x| |shift x| + |R_y| |shift y| + |R_turn| |turn| + |R_zoom| (|zoom| + turn^2 / 2)
 // moved: dF > kMinUn + (|F_x| + |F_y| + |F_z|) / kPart along any axis. turn^2 / 2: a turned picture is a smaller one.
 //
-// Presses of 0.05 to 70 N on the twin of a soft pad, discs, balls and squares of 6 to 20 mm, sheared and turned, leave at
-// most 0.06 of their force, or 0.05 N. Limits: a contact that reaches two corners; a smaller effect; what a kernel adds
-// to the gain (stages/feature_wrench/kernel_map.h) is not counted.
+// Presses of 0.05 to 70 N on the twin of a soft pad, discs, balls and squares of 6 to 20 mm, sheared and turned, leave
+// at most 0.06 of their force, or 0.05 N. Limits: a contact that reaches two corners; a smaller effect; what a kernel
+// adds to the gain (stages/feature_wrench/kernel_map.h) is not counted.
 // Frame thread; no allocation after the constructor but in learn(). Not in the papers.
 #pragma once
 

@@ -1,5 +1,5 @@
-// Wrench of the features that another stage writes (stages/feature_wrench/feature_wrench.h), for boards without a field of
-// forces; of markers, whether the camera has moved against the pad (stages/feature_wrench/corner_motion.h).
+// Wrench of the features that another stage writes (stages/feature_wrench/feature_wrench.h), for boards without a field
+// of forces; of markers, whether the camera has moved against the pad (stages/feature_wrench/corner_motion.h).
 #include <algorithm>
 #include <optional>
 

@@ -2,11 +2,12 @@
 //
 //   z   = P f                          d x n, in lengths of the kernel, Q20, within +-64
 //   D_j = |z - c_j|                    to landmark j
-//   y_i = o_i + sum_j w_ij k(D_j)      k: table of 64 steps a length to 16 lengths, linear between, its last entry beyond
+//   y_i = o_i + sum_j w_ij k(D_j)      k: table of 64 steps a length to 16 lengths, linear between, its last entry
+//                                      beyond
 //
-// Added to K f, with which it is fitted together (host/ruffini/estimators/wrench/kernel.py). Further from every landmark
-// than `reach` the map was not fitted: the frame is out of range, and the covariance grows with the excess. Not in the
-// paper. Frame thread; no allocation after load.
+// Added to K f, with which it is fitted together (host/ruffini/estimators/wrench/kernel.py). Further from every
+// landmark than `reach` the map was not fitted: the frame is out of range, and the covariance grows with the excess.
+// Not in the paper. Frame thread; no allocation after load.
 #pragma once
 
 #include <array>

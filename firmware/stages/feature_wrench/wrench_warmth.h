@@ -3,8 +3,8 @@
 //
 //   e_i <- (e_i - o_i (T - T_rest)) (1 + g_i (T - T_ref))
 //
-// T_ref: of the calibration; T_rest: when rest was learned, T_ref where that is unknown (a rest picture that came with the
-// calibration). Differences are held within +-100 K. Not in the paper. Frame thread.
+// T_ref: of the calibration; T_rest: when rest was learned, T_ref where that is unknown (a rest picture that came with
+// the calibration). Differences are held within +-100 K. Not in the paper. Frame thread.
 #pragma once
 
 #include <array>

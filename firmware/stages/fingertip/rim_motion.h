@@ -7,8 +7,8 @@
 // Each quantity is what at least three of the four sectors agree on (estimators/common_part.h). With load = force /
 // max_un, the largest force of the calibration, the camera counts as moved if
 //   |shift| > kShift + at_max.shift load        |zoom| or |turn| > kZoom + at_max.zoom load
-// at_max is what the presses of the fit do to the rim (`fingertip.rim`), and at least the default: a stiff wall moves it
-// by 2.1 px at 13 N, a soft one by 0.5 px at 1.3 N.
+// at_max is what the presses of the fit do to the rim (`fingertip.rim`), and at least the default: a stiff wall moves
+// it by 2.1 px at 13 N, a soft one by 0.5 px at 1.3 N.
 //
 // On the twin, presses of 0.2 to 1.2 N by three tools of 2.5 to 8 mm, up to 6.5 mm off the top and tilted by up to 44
 // degrees, shift the rim of the thin wall by at most 0.6 px/N and zoom it by 0.34 px/N, at max_un = 1.3 N; noise is

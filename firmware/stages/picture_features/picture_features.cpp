@@ -22,8 +22,8 @@ int64_t dot(const Triple& a, const Triple& b) { return a[0] * b[0] + a[1] * b[1]
 // One coordinate on the gel, between two opposite edges.
 class Axis {
  public:
-  // `low`, `high`: lines of the edges where the coordinate is 0 and 1; the other two edges meet at `vanishing`. Places are
-  // below 2^12, lines below 2^25, so that distances to `vanishing` stay below 2^63.
+  // `low`, `high`: lines of the edges where the coordinate is 0 and 1; the other two edges meet at `vanishing`. Places
+  // are below 2^12, lines below 2^25, so that distances to `vanishing` stay below 2^63.
   Axis(const Triple& low, const Triple& high, const Triple& vanishing)
       : low_(low), high_(high), low_weight_(dot(high, vanishing)), high_weight_(-dot(low, vanishing)) {
     const auto size = static_cast<uint64_t>(std::max(std::abs(low_weight_), std::abs(high_weight_)));

@@ -2,12 +2,13 @@
 //
 //   u = A / (A + B),  A = L_left(p) k_right,  B = L_right(p) k_left    p: pixel, L: signed distance to the gel's edge
 //   cell = (floor(n_x u), floor(n_y v))                                v: likewise, of the top and bottom edge
-//   f_ck = (2^4 sum of d_c over the pixels of cell k) / (pixels of k)  relative change, Q16, half up; d: image/difference.h
+//   f_ck = (2^4 sum of d_c over the pixels of cell k) / (pixels of k)  relative change, Q16, half up;
+//                                                                      d: image/difference.h
 //
 // The gel is a quadrilateral in the picture, seen in perspective. Its top and bottom edge meet in a vanishing point;
 // k_left and k_right are the distances of this point from the left and the right edge. They make u the place on the gel
-// from the left edge (0) to the right one (1). The map from pixels to cells is made once, as runs along the rows: a frame
-// costs one pass of additions over the gel's pixels. Not in the papers. Frame thread; no allocation after the
+// from the left edge (0) to the right one (1). The map from pixels to cells is made once, as runs along the rows: a
+// frame costs one pass of additions over the gel's pixels. Not in the papers. Frame thread; no allocation after the
 // constructor.
 #pragma once
 

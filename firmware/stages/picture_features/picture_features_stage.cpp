@@ -1,4 +1,5 @@
-// The change of the picture over a grid on the gel (stages/picture_features/picture_features.h), as features of a wrench.
+// The change of the picture over a grid on the gel (stages/picture_features/picture_features.h), as features of a
+// wrench.
 #include "core/stages.h"
 #include "stages/picture_features/picture_features.h"
 

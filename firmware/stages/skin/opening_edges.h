@@ -11,8 +11,8 @@
 //
 // A change of all light by the same share, as by warming panels, changes neither. On the twin, touches of up to 33 N
 // cause d of at most 0.02 px and edge - light of 0 to 0.3 %; a turn of 0.1 degrees causes d of 0.1 px. edge - light is
-// -1.4 % at a gamma of 1.035 and 2.3 % at 0.97. Limits: sectors with fewer than kMinSamples samples, pictures with fewer
-// than kMinCells cells. Not in the paper. Frame thread; no allocation after the constructor but in learn().
+// -1.4 % at a gamma of 1.035 and 2.3 % at 0.97. Limits: sectors with fewer than kMinSamples samples, pictures with
+// fewer than kMinCells cells. Not in the paper. Frame thread; no allocation after the constructor but in learn().
 #pragma once
 
 #include <array>

@@ -6,8 +6,9 @@
 //   identity of touches and mean over frames (stages/skin/skin_track.h)
 //
 // Without a calibration, touches are detected but have neither position nor force. A frame is dark if a taxel or the
-// whole skin lost half its light. Its light is wrong if light enters from outside, if the whole skin is brighter or darker
-// than at rest by kWrongLight, or if the curve of grey levels has changed. Frame thread; no allocation after load().
+// whole skin lost half its light. Its light is wrong if light enters from outside, if the whole skin is brighter or
+// darker than at rest by kWrongLight, or if the curve of grey levels has changed. Frame thread; no allocation after
+// load().
 #pragma once
 
 #include <cstdint>

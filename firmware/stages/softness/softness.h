@@ -1,17 +1,18 @@
 // Estimates the modulus of a squeezed object from the curvature of the dent that it makes in a gel without markers.
 //
-//   g    = sum over the channels of (d/dx f)^2 + (d/dy f)^2      between four neighbouring cells of the grid of features
+//   g    = sum over the channels of (d/dx f)^2 + (d/dy f)^2      between four neighbouring cells of the grid of
+//                                                                features
 //   c    = sqrt(mean of the kBlocks largest g)                   without kRim cells at each edge, where the gel bends
 //   x    = mean over the rise of log2 c - q log2 F - r           F: pressing force; q, r: of a rigid object
 //   E'   = G 2^x / (1 - 2^x)                                     G: scale of the gel, 2^x: the gel's share of rigid
 //
 // The light of a cell follows the gel's slope, so that c is the curvature of its dent. Two elastic bodies under one
 // pressure (Hertz, K. L. Johnson, Contact Mechanics, 1985, section 4.2) share their approach in inverse proportion to
-// their moduli, so that the dent of an object of modulus E' has the part E' / (E' + G) of the curvature of a rigid one of
-// its radius. Between objects of unlike shape only the order of magnitude holds. Not in the papers.
+// their moduli, so that the dent of an object of modulus E' has the part E' / (E' + G) of the curvature of a rigid one
+// of its radius. Between objects of unlike shape only the order of magnitude holds. Not in the papers.
 //
-// The rise: all frames from the lower force on until the upper one is reached for the first time; a release (below half of
-// the lower force) before that is no squeeze, nor is a jump from below the lower force beyond the upper one. Frame
+// The rise: all frames from the lower force on until the upper one is reached for the first time; a release (below half
+// of the lower force) before that is no squeeze, nor is a jump from below the lower force beyond the upper one. Frame
 // thread; no allocation after load().
 #pragma once
 
@@ -38,8 +39,8 @@ class Softness {
 
   // `features`: planes of B, G and R, cells by rows, Q16 of rest. The force is that of the gel on the object, uN.
   void run(std::span<const int32_t> features, int64_t force_un, int64_t sigma_un);
-  // Call for a frame whose force is not valid: the object may have been released or replaced meanwhile. The next squeeze
-  // counts after a release.
+  // Call for a frame whose force is not valid: the object may have been released or replaced meanwhile. The next
+  // squeeze counts after a release.
   void discard_rise();
   void forget();
 

@@ -9,17 +9,19 @@
 //   group   most seen spots whose f are within 2 % of each other (of equal groups the lowest f); m is element n / 2 of
 //           its n, sorted by f. If it has at least half of the seen spots, the others are what a press changes, and
 //           |m| > 4 % is changed light (six times the noise of a spot of 80 pixels is 1 %)
-//   still   the group is all seen spots, |m| <= 4 %, not too many spots are lost, and no flag says that the frame is wrong
+//   still   the group is all seen spots, |m| <= 4 %, not too many spots are lost, and no flag says that the frame is
+//           wrong
 //   g      += clamp(m, +-1/128) / 16 in every frame from the 16th still one on; Q20, 0.75 to 1.25. It follows lamps
 //           that age, and starts from 1 with a new rest picture. image/light.h is not used: it would take a press that
 //           brightens an eighth of the picture for daylight
-//   lost    a fibre that is broken or too bright: an eighth of its pixels at 255, or below 16 grey levels at rest, or now
+//   lost    a fibre that is broken or too bright: an eighth of its pixels at 255, or below 16 grey levels at rest, or
+//           now
 //           below a 16th of its light at rest. Its f is the mean, half up, of the seen ones among the kNear nearest
 //           spots, else 0
 //
-// A press on all spots alike is indistinguishable from light: less than 4 %, or slower than 0.05 % a frame, is learned, up
-// to 25 %. Light that changes while a press reaches more than half of the spots is not noticed. Not in the papers. Frame
-// thread; one pass over the spots' pixels, no allocation after the constructor.
+// A press on all spots alike is indistinguishable from light: less than 4 %, or slower than 0.05 % a frame, is learned,
+// up to 25 %. Light that changes while a press reaches more than half of the spots is not noticed. Not in the papers.
+// Frame thread; one pass over the spots' pixels, no allocation after the constructor.
 #pragma once
 
 #include <array>

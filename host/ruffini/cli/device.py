@@ -91,7 +91,7 @@ def devices(json_: JsonFlag = False) -> None:
 def info(json_: JsonFlag = False) -> None:
     """Who the sensor is, what it is calibrated for, how it fares, and how its learned network does."""
     from ruffini.device import NetworkState
-    from ruffini.device.health import health_words, last_run_words, part_of, time_words
+    from ruffini.device.health import health_words, last_run_words, left_out_words, part_of, time_words
 
     with open_sensor() as sensor:
         hello, status = sensor.hello, sensor.status()
@@ -132,6 +132,7 @@ def info(json_: JsonFlag = False) -> None:
                                            "error_ns": now.error_ns},
         "health": health, "store_problem": getattr(status, "store_problem", ""), "last_run": last_run_words(status),
         "scheduling": part_of(status, "scheduling"), "line_latency": part_of(status, "line_latency"),
+        "frames_left_out": getattr(status, "frames_left_out", 0),
     }  # fmt: skip
     lines = [f"{sensor.port}  serial {hello.device_serial}  firmware {hello.firmware_version}"]
     if now is not None:
@@ -153,7 +154,7 @@ def info(json_: JsonFlag = False) -> None:
         )
     if network is not None:
         lines.append(f"    network: {network.text()}")
-    lines += [f"  {words}" for words in time_words(status)]
+    lines += [f"  {words}" for words in time_words(status) + left_out_words(status)]
     lines += [f"  health: {words}" for words in health_words(health)]
     problem = getattr(status, "store_problem", "")
     lines += [f"  store: {problem}"] if problem else []

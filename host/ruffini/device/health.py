@@ -60,6 +60,14 @@ def time_words(status: Any) -> list[str]:
     return words
 
 
+def left_out_words(status: Any) -> list[str]:
+    """Frames that the device left out to keep an even rate; empty: none, or an older device."""
+    n = getattr(status, "frames_left_out", 0)
+    if not n:
+        return []
+    return [f"left out {n} frames: the computer was too slow for every frame, or had lowered its clock"]
+
+
 def last_run_words(status: Any) -> str:
     """How the run before this one ended; empty: not known, or an older device."""
     if "last_run" not in status.DESCRIPTOR.fields_by_name or not status.HasField("last_run"):

@@ -1,4 +1,5 @@
-// What a camera on USB says of its exposure, beside what [exposure] asks. The device itself is tests/vm/usb_camera.py's.
+// What a camera on USB says of its exposure, beside what [exposure] asks. The device itself is
+// tests/vm/usb_camera.py's.
 #include "capture/v4l2_exposure.h"
 
 #include <gtest/gtest.h>

@@ -247,7 +247,8 @@ TEST(ClientMessages, WhatIsNoMessageIsCounted) {
 }
 
 TEST(ClientMessages, WhoIsThere) {
-  // serial "0001", session 9, one sensor: id 1, board "b", 3 x 2 nodes from (-1000, 2000) um in steps of 1 and 2 mm, calibrated
+  // serial "0001", session 9, one sensor: id 1, board "b", 3 x 2 nodes from (-1000, 2000) um in steps of 1 and 2 mm,
+  // calibrated
   Payload sensor = {0x08, 1, 0x12, 1, 'b', 0x30, 3, 0x38, 2};
   const auto put = [&](uint8_t tag, int64_t v) {
     sensor.push_back(tag);

@@ -102,7 +102,8 @@ TEST_F(PipelineTest, AContactModelWithoutAWrenchIsRefused) {
   EXPECT_NE(loaded.error().message.find("contact_model without wrench"), std::string::npos);
 }
 
-// Forces x, y, z of all nodes: noise on a dent that is held, with [contact] steady_frames, each frame judged with `flags`.
+// Forces x, y, z of all nodes: noise on a dent that is held, with [contact] steady_frames, each frame judged with
+// `flags`.
 std::vector<int32_t> held_dent(int steady_frames, uint32_t flags) {
   BoardSettings board = test::dots().board;
   board.contact.steady_frames = steady_frames;

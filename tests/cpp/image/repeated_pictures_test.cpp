@@ -70,7 +70,8 @@ TEST_F(RepeatedPicturesTest, APartOfAnOlderPictureIsOld) {
   EXPECT_FALSE(see(torn(noisy(1002), first, 236))) << "less than a band";
 }
 
-// As a fingertip's dark cells: with fewer pixels in a hash, some repeat among the rest frames, and parts are not judged.
+// As a fingertip's dark cells: with fewer pixels in a hash, some repeat among the rest frames, and parts are not
+// judged.
 TEST_F(RepeatedPicturesTest, APartIsOldWhereTheRestIsDarkAndQuiet) {
   const auto quiet = [](unsigned seed) {
     std::minstd_rand lot(seed);

@@ -1,10 +1,10 @@
 // What damage on the line the decoder sees: all of one and two flipped bits and every burst of up to 32 bits of the
 // largest frame, all changes of one byte, every byte and every run of 512-byte pieces that is lost.
 //
-// The CRC is linear: what a set of flipped bits does to its residue is the XOR of what each does, its syndrome. So a set
-// goes unseen only where the syndromes cancel, and all pairs are told by comparing single ones. That holds for bits that
-// leave the COBS structure alone. The others (of a length byte, of a delimiter, or that make a byte zero) are flipped
-// through the real decoder, each alone and each with every second bit.
+// The CRC is linear: what a set of flipped bits does to its residue is the XOR of what each does, its syndrome. So a
+// set goes unseen only where the syndromes cancel, and all pairs are told by comparing single ones. That holds for bits
+// that leave the COBS structure alone. The others (of a length byte, of a delimiter, or that make a byte zero) are
+// flipped through the real decoder, each alone and each with every second bit.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -294,8 +294,8 @@ TEST(LineErrors, EveryByteThatIsLostOrComesTwiceIsSeen) {
   }
 }
 
-// A lagging host: whole pieces of 512 bytes are missing of a row of frames that are alike but for their numbers, so that
-// the begin of one and the end of another are a frame of the right length.
+// A lagging host: whole pieces of 512 bytes are missing of a row of frames that are alike but for their numbers, so
+// that the begin of one and the end of another are a frame of the right length.
 TEST(LineErrors, EveryRunOfLostPiecesIsSeen) {
   Bytes sent;
   Bytes payload = noise(1'000);

@@ -130,7 +130,8 @@ TEST(Relaxation, RefusesWhatNoRubberDoes) {
   }
 }
 
-// A dent without a load goes at (1 - g) / tau, more slowly than at 1 / tau: what is gone of it adds to what is still to go.
+// A dent without a load goes at (1 - g) / tau, more slowly than at 1 / tau: what is gone of it adds to what is still to
+// go.
 TEST(Relaxation, ADentGoesAsSlowlyAsItsOwnPartLets) {
   const Loaded loaded({part(0.3)}, {100}, "1");
   Relaxation pad = loaded.relaxation(1).value();

@@ -1,8 +1,8 @@
 // Every state that a power cut can leave while the store works, and what the store makes of it afterwards.
 //
-// The real SlotStore runs on a medium that is watched (support/crash_medium.h). Wherever the power may be cut, each content
-// that an unsynced file may have, under each set of names, is a medium of its own, and the real recovery runs on that; it
-// may be cut, too. RUFFINI_CRASH_STEP = 1 visits each byte (`make soak`), else each third.
+// The real SlotStore runs on a medium that is watched (support/crash_medium.h). Wherever the power may be cut, each
+// content that an unsynced file may have, under each set of names, is a medium of its own, and the real recovery runs
+// on that; it may be cut, too. RUFFINI_CRASH_STEP = 1 visits each byte (`make soak`), else each third.
 #include <gtest/gtest.h>
 
 #include <cstdio>

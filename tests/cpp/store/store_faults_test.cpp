@@ -321,7 +321,8 @@ TEST_F(StoreFaults, AProcessThatDiesAtAnyCallLeavesTheOldFileOrTheNewOne) {
   EXPECT_GE(n_again, 1'000) << "a start makes fewer calls than it did";
 }
 
-// A file system of 4 MiB in a file. The loop device is a new one at each mount: what the old one had in its cache is gone.
+// A file system of 4 MiB in a file. The loop device is a new one at each mount: what the old one had in its cache is
+// gone.
 class Ext4 {
  public:
   explicit Ext4(const std::string& folder) : image_(folder + "/ext4.img"), mounted_(folder + "/ext4") {

@@ -10,8 +10,8 @@
 
 namespace ruffini::test {
 
-// Operator and support are diagonal and agree: F = 20 steps of force per 125 nm. Blue bends to slope x, green to slope y.
-// A relaxing pad loses 30 % of its force within a second. `gates`: what its report says.
+// Operator and support are diagonal and agree: F = 20 steps of force per 125 nm. Blue bends to slope x, green to slope
+// y. A relaxing pad loses 30 % of its force within a second. `gates`: what its report says.
 inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board, bool is_relaxing = false,
                                                  const std::string& gates = "") {
   const GridSize nodes = NodeGrid(board).size();

@@ -1,5 +1,5 @@
-// A pad whose texture is followed, and a calibration of its contact model and its depth map: of any numbers, such that a
-// flow outwards is a press.
+// A pad whose texture is followed, and a calibration of its contact model and its depth map: of any numbers, such that
+// a flow outwards is a press.
 #pragma once
 
 #include <algorithm>
