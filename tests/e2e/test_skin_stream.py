@@ -56,10 +56,7 @@ def calibration() -> bytes:
     shift[:, :, 1] = 4.0
     x, y = np.meshgrid(*(np.arange(n) * REACH_STEP_MM for n in REACH_SIZE))
     reach = np.maximum(np.exp(-x / FAR_MM[0] - y / FAR_MM[1]), 0.002)
-    errors = {
-        "light_force_rms_n": 0.1, "force_rms_percent": 5.0, "force_sigma_scale": 1.3,
-        "place_rms_mm": 1.0, "faint_place_rms_mm": 2.0, "place_sigma_scale": 1.3,
-    }  # fmt: skip
+    errors = {"light_force_rms_n": 0.1, "force_rms_percent": 5.0, "place_rms_mm": 1.0, "faint_place_rms_mm": 1.0}
     fit = SkinFit(
         LENS,
         openings,

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.held_out import scale_of
 from ruffini.errors import InputError
 from ruffini.estimators.fingertip.eyes import Eyes
 from ruffini.estimators.fingertip.face import FaceTable, bears_all_round, fit_face, radii
@@ -198,7 +197,7 @@ def tip_radius_mm(bench: Bench) -> float:
 
 @dataclass(frozen=True)
 class ModeFit:
-    """One way of seeing. trust (7,): factor of the deviations, by presses left out; near (k,): weights of the
+    """One way of seeing. trust (7,): true over stated deviations of presses left out; near (k,): weights of the
     components' squares in how far features are from those of the fit; limits (2,): of that, and of what the components
     leave of a feature, mm; left_out : mean errors of presses left out; face : of both eyes, if enough presses tell it.
     """
@@ -275,7 +274,7 @@ def _fit_mode(bench: Bench, mode: int) -> ModeFit:
     network = train(every.features, every.labels, rounds=N_ROUNDS, noise=NOISE_MM)
     near = 1 / network.components(every.features).var(axis=0)
     left_out = {q: round(float(e), 4) for q, e in zip(QUANTITIES, np.abs(off).mean(axis=0), strict=True)}
-    trust = scale_of(off / sigma)
+    trust = np.sqrt(np.mean((off / sigma) ** 2, axis=0))
     face = None
     if mode == 0:
         said = np.zeros_like(off)

@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile, Tensors, base_metadata, pack
-from ruffini.calibrate.held_out import scale_of
 from ruffini.calibrate.report.fewer_presses import Figures, Numbers, accuracy_of_presses
 from ruffini.errors import InputError
 from ruffini.estimators.skin.openings import Openings, TubeView, find_openings, fit_view, lattice_mm
@@ -53,7 +52,7 @@ RATIO_STEP, RATIO_SIZE = 64, 577  # of firmware/stages/skin/taxel_tables.h
 STRAY_LIMIT_Q6 = (
     32  # light from outside: half a level of the weighted sum, ten times a patch's noise and JPEG's ringing
 )
-RAYLEIGH = 1.515  # what 68 % of distances in two directions are within, over the standard deviation in one
+SIGMAS = 1.3  # stated over what the fit's own presses err by: other tips and places err more
 N_FOLDS = 5
 CELLS = 3
 
@@ -138,7 +137,7 @@ def fit_seen(board: Board, seen: SeenSkin, pressed: list[Press], progress: Progr
     apart = max(APART_MARGIN * unexplained(pressed, layout, places, reach), APART_LEAST)
     pair = most_excess(pressed, layout, places, reach)
     progress(0.6)
-    report = _left_out(pressed, layout, force, board.contact.threshold_un * 1e-6)
+    report = _left_out(pressed, layout, force)
     progress(0.7)
     report |= {
         "accuracy_of_presses": _of_fewer(pressed, layout, force, lambda done: progress(0.7 + 0.3 * done)),
@@ -166,12 +165,8 @@ def n_at_rim(presses: list[Press], layout: Layout) -> int:
     return int((rims(layout, 0) | rims(layout, 1))[hardest].sum())
 
 
-def _left_out(presses: list[Press], layout: Layout, whole: ForceFit, threshold_n: float) -> dict[str, Any]:
-    """Errors of presses that were left out of a fit to the others, each once, and by what their sigmas are scaled.
-
-    The sigmas are those of firmware/stages/skin/taxel_touches.h. That of the place has what light touches err by in
-    addition as its second part.
-    """
+def _left_out(presses: list[Press], layout: Layout, whole: ForceFit) -> dict[str, Any]:
+    """Errors of presses that were left out of a fit to the others, each once."""
     n_folds = min(N_FOLDS, len(presses))
     if n_folds < 2:
         raise InputError("one press cannot be fitted and judged: give several places")
@@ -182,25 +177,14 @@ def _left_out(presses: list[Press], layout: Layout, whole: ForceFit, threshold_n
         rows.append(np.stack(errors(left, layout, fit_force(others, layout, whole), fit_places(others, layout))))
     load, off, away = np.concatenate(rows, axis=1)
     part, light = np.abs(off / load)[load > 2], np.abs(off)[load <= 2]
-    out = {
+    return {
         "force_error_percent": float(100 * part.mean()) if len(part) else float("nan"),
         "force_rms_percent": float(100 * np.sqrt(np.mean(part**2))) if len(part) else float("nan"),
         "light_force_rms_n": float(np.sqrt(np.mean(light**2))) if len(light) else 0.2,
         "place_error_mm": float(away.mean()),
         "place_rms_mm": float(np.sqrt(np.mean(away[load > 2] ** 2) / 2)) if len(part) else float("nan"),
         "faint_place_rms_mm": float(np.sqrt(np.mean(away[load <= 2] ** 2) / 2)) if (load <= 2).any() else 0.0,
-    }
-    sigma = np.hypot(out["light_force_rms_n"], 1e-2 * out["force_rms_percent"] * load)
-    faint = _faint_mm(out) * threshold_n / np.maximum(load, threshold_n)
-    return out | {
-        "force_sigma_scale": float(scale_of(off / sigma)),
-        "place_sigma_scale": float(scale_of(away / RAYLEIGH / (out["place_rms_mm"] + faint))),
-    }
-
-
-def _faint_mm(report: dict[str, Any]) -> float:
-    """What light touches err by along one direction beyond others, mm."""
-    return max(float(report["faint_place_rms_mm"] - report["place_rms_mm"]), 0.0)
+    }  # fmt: skip
 
 
 def _of_fewer(presses: list[Press], layout: Layout, whole: ForceFit, progress: Progress) -> list[dict[str, Any]]:
@@ -244,10 +228,10 @@ def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:
         "skin.taxel_area_um2": markers.pitch_x_um * markers.pitch_y_um,
         "skin.floor_q12": round(FLOOR * 4096), "skin.apart_q12": min(round(fit.apart * 4096), 4096),
         "skin.pair_q12": min(round(fit.pair * 4096), 1 << 20),
-        "skin.sigma_un": max(round(report["force_sigma_scale"] * report["light_force_rms_n"] * 1e6), 1),
-        "skin.sigma_q12": min(round(report["force_sigma_scale"] * report["force_rms_percent"] * 40.96), 4096),
-        "skin.place_sigma_um": max(round(report["place_sigma_scale"] * report["place_rms_mm"] * 1e3), 1),
-        "skin.faint_place_sigma_um": round(report["place_sigma_scale"] * _faint_mm(report) * 1e3),
+        "skin.sigma_un": max(round(SIGMAS * report["light_force_rms_n"] * 1e6), 1),
+        "skin.sigma_q12": min(round(SIGMAS * report["force_rms_percent"] * 40.96), 4096),
+        "skin.place_sigma_um": max(round(SIGMAS * report["place_rms_mm"] * 1e3), 1),
+        "skin.faint_place_sigma_um": round(SIGMAS * report["faint_place_rms_mm"] * 1e3),
         "skin.stray_limit_q6": STRAY_LIMIT_Q6,
         "relaxation.terms": len(TIMES_S),
     }  # fmt: skip

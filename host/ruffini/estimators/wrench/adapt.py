@@ -17,10 +17,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.calibrate.held_out import ONE_SIGMA
 from ruffini.errors import InputError
 from ruffini.estimators.material.prior import OF_NEXT_GEL
-from ruffini.estimators.wrench.fit import LOADED_PART, Fit
+from ruffini.estimators.wrench.fit import LOADED_PART, ONE_SIGMA, Fit
 from ruffini.estimators.wrench.log import FeatureRun
 from ruffini.estimators.wrench.model import AXES, Frames, WrenchMap, frames_of, recordings_of
 from ruffini.estimators.wrench.terms import mean_abs, rms

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
-from ruffini.calibrate.held_out import ONE_SIGMA, TWO_SIGMAS
 from ruffini.errors import InputError
 from ruffini.estimators.wrench.few_features import Seen, stated
 from ruffini.estimators.wrench.kernel import TAIL, Grid
@@ -74,6 +73,7 @@ NEED_REST = ("noise at rest", "agreement of the features at rest")
 REST_PART = 0.02  # of full scale: nothing presses
 LOADED_PART = 0.1  # likewise: something does
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
+ONE_SIGMA, TWO_SIGMAS = 0.6827, 0.9545
 LEAST_KINDS = 5  # kinds of contact: their errors left out tell what another kind differs by
 # Of a force, one sigma, where they do not. wedge-load-cell (real), fitted to balls: other objects err by 0.30 to 0.36
 # (median), 0.48 to 0.55 (90th percentile); 51 to 63 and 89 to 93 % are then within one and two sigma.
