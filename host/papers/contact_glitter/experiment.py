@@ -24,12 +24,15 @@ from papers.contact_glitter.played import Played
 from papers.experiments import Experiment, Figure, Options
 from papers.judged import default_folder
 from papers.recorded import Recorded, recorded_runs
+from papers.stated import Coverage, coverage, covered, deviations
+from papers.stated import lines as stated_lines
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.core import Pipeline
 from ruffini.estimators.contact_model.log import HERTZIAN, read_presses
 from ruffini.estimators.contact_model.tables import fit_contact, tables
 from ruffini.estimators.wrench.log import features_of, zero_of
+from ruffini.estimators.wrench.model import AXES, TO_NMM
 from ruffini.sim.reproduce.make import digest
 from ruffini.sim.reproduce.make import reproduce as record
 
@@ -46,7 +49,7 @@ FACTOR_UM = 1400
 LIMIT_MM, RANGE_MM = 4.0, 2.5  # of the paper's limit press; beyond the second its force is wrong (section V-A)
 N_FIRST = 10
 PLANAR_KIND = 1
-NORMAL, NORMAL_VARIANCE = 2, 11  # in a wrench, and in the upper triangle of its covariance
+NORMAL = 2  # in a wrench
 UNMARKED_SIGMAS, UNMARKED_PART, FULL_SCALE_N = 5.0, 0.05, 70.0  # beyond both, a valid force is wrong without saying so
 
 
@@ -117,6 +120,7 @@ def figures(result: dict[str, Any], method: dict[str, float]) -> dict[str, Figur
         if "sizes" in parts
     }
     out["wrong without a mark"] = Figure(result["unmarked"]["unmarked"])
+    out |= {name: Figure(percent) for name, percent in covered(result["stated"], ("Fz", "depth", "hardness")).items()}
     return out
 
 
@@ -131,7 +135,7 @@ def play(board: Board, calibration: bytes, recorded: Recorded) -> Played:
                 wrench.append(frame.wrench)
                 rows.append(core.modelled())
                 is_valid.append(frame.wrench_validity[NORMAL] == VALID)
-                sigma.append(1e-6 * np.sqrt(float(core.covariance()[NORMAL_VARIANCE])))
+                sigma.append(deviations(core.covariance()))
                 fall.append(core.profile().fall_q16 / 65536)
     force = recorded.rig["force"]
     return Played(recorded, np.array(wrench), recorded.truth["wrench"][at], force[at] - zero_of(force[:first]), rows,
@@ -158,7 +162,7 @@ def judge(board: Board, played: list[Played], method: dict[str, float]) -> dict[
         "method_hardness_alone": method.get("hardness, from the sensor alone", np.nan),
         "objects": [_told(p) for p in objects], "failing": [_told(p) for p in sets.get("failing", [])],
         "too_soft": [_told(p) for p in sets.get("too_soft", [])], "wear": _wear(sets.get("durability", [])),
-        "unmarked": _unmarked(played), "limit": _limit(played),
+        "unmarked": _unmarked(played), "limit": _limit(played), "stated": _stated(test, shear),
         "resolution": _resolution(sets.get("repeat", [])), "factors": _factors(sets.get("calibration", [])),
     }  # fmt: skip
 
@@ -215,7 +219,8 @@ def _depth(played: list[Played]) -> dict[str, float]:
 def _told(p: Played) -> dict[str, Any]:
     return {
         "shape": p.shape, "radius_mm": p.radius_mm, "shore_a": p.shore_a, "told": p.told.shore_q4 / 16,
-        "sigma": p.told.shore_sigma_q4 / 16, "kind": p.told.kind, "sure": p.told.sure_1e3 * 1e-3,
+        "off": p.told.shore_q4 / 16 - p.shore_a, "sigma": p.told.shore_sigma_q4 / 16,
+        "kind": p.told.kind, "sure": p.told.sure_1e3 * 1e-3,
         "is_valid": p.told.hardness_validity == VALID, "stiffness_n_mm3": p.told.stiffness_pa_um * 1e-3,
         "fn_rmse": rms([p.wrench[:, 2] - p.truth[:, 2]]), "gel_mm": _depth([p])["gel"],
     }  # fmt: skip
@@ -248,10 +253,28 @@ def _unmarked(played: list[Played]) -> dict[str, float]:
     """Valid normal forces beyond 5 sigma and 5 % of full scale; root mean square of error over sigma."""
     valid = [p.is_valid for p in played]
     error = np.concatenate([(p.wrench - p.truth)[v, NORMAL] for p, v in zip(played, valid, strict=True)])
-    sigma = np.concatenate([p.sigma_n[v] for p, v in zip(played, valid, strict=True)])
+    sigma = np.concatenate([p.sigma[v, NORMAL] for p, v in zip(played, valid, strict=True)])
     is_wrong = np.abs(error) > np.maximum(UNMARKED_SIGMAS * sigma, UNMARKED_PART * FULL_SCALE_N)
     return {"frames": float(len(error)), "unmarked": float(is_wrong.sum()), "error_over_sigma": rms(error / sigma),
             "worst_over_sigma": float(np.abs(error / sigma).max(initial=0.0))}  # fmt: skip
+
+
+def _stated(straight: list[Played], sheared: list[Played]) -> dict[str, Coverage]:
+    """Of the paper's test: forces in N, moment in N mm, depth in mm, Shore A of the kind inferred."""
+    out: dict[str, Coverage] = {}
+    for name, runs in (("", straight), (", sheared", sheared)):
+        if not runs:
+            continue
+        error = np.concatenate([(p.wrench - p.truth)[p.is_valid] for p in runs]) * TO_NMM
+        sigma = np.concatenate([p.sigma[p.is_valid] for p in runs]) * TO_NMM
+        axes = (AXES[0], AXES[1], AXES[2], AXES[5]) if name else AXES[2:3]
+        out |= {f"{axis}{name}": coverage(error[:, i], sigma[:, i]) for i, axis in enumerate(AXES) if axis in axes}
+        off = np.concatenate([p.of("gel_depth_um") * 1e-3 - p.gel_mm for p in runs])
+        valid = np.concatenate([p.of("depth_validity") == VALID for p in runs])
+        out[f"depth{name}"] = coverage(off[valid], np.concatenate([p.of("depth_sigma_um") for p in runs])[valid] * 1e-3)
+    told = [row for row in map(_told, straight) if row["is_valid"]]
+    off, sigma = (np.array([row[key] for row in told]) for key in ("off", "sigma"))
+    return out | {"hardness": coverage(off, sigma)}
 
 
 def _limit(played: list[Played]) -> dict[str, float]:
@@ -368,6 +391,7 @@ def text_of(r: dict[str, Any]) -> str:
         each = ", ".join(f"{shape} {under:.3f}" for shape, under in depth_map["under_mm"].items())
         lines.append(f"depth map, presses left out of its fit, mm where they touch: {each}; "
                      f"beside {depth_map['beside_mm']['all']:.3f}")  # fmt: skip
+    lines += stated_lines("Stated uncertainty, paper's test: N, N mm, mm, Shore A", r["stated"])
     for name in ("unmarked", "wear", "resolution", "factors"):
         lines.append(f"{name}: " + ", ".join(f"{k} {v:.3g}" for k, v in r[name].items()))
     return "\n".join(lines)

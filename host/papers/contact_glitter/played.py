@@ -26,7 +26,7 @@ class Played:
     reference: Array
     rows: list[ModelledRow]
     is_valid: npt.NDArray[np.bool_]  # of the normal force
-    sigma_n: Array  # that it states
+    sigma: Array  # (t, 6) that it states
     fall: Array
 
     @property

@@ -23,6 +23,8 @@ from papers.eltac.played import Played
 from papers.experiments import Experiment, Figure, Options
 from papers.judged import default_folder
 from papers.recorded import Recorded
+from papers.stated import Coverage, coverage, covered
+from papers.stated import lines as stated_lines
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.core import Pipeline
@@ -87,6 +89,7 @@ def figures(result: dict[str, Any]) -> dict[str, Figure]:
         out["spread of five trials"] = Figure(result["trials"]["ours"], result["trials"]["brightness"])
     out |= {f"two fingers at 15 mm, {way}": Figure(100 * part) for way, part in result["two_fingers"].items()}
     out["wrong without a flag"] = Figure(result["unflagged"]["wrong"])
+    out |= {name: Figure(percent) for name, percent in covered(result["stated"], ("force", "place")).items()}
     return out
 
 
@@ -100,7 +103,7 @@ def play(board: Board, file: CalibrationFile, recorded: Recorded) -> Played:
     truth, first = recorded.truth, int(recorded.touched[0])
     angle = float(truth["pose"][first, 0]) * 1e3 / TUBE_MM
     inwards = -np.array([np.cos(angle), np.sin(angle), 0.0])
-    ours, sigma, flags, touches, level, peak = [], [], [], [], [], []
+    ours, sigma, flags, touches, place_sigma, level, peak = [], [], [], [], [], [], []
     rest = recorded.rest()[..., :2].sum(axis=-1)
     with Pipeline(board, file.data) as core:
         for i in range(len(truth["pose"])):
@@ -113,6 +116,7 @@ def play(board: Board, file: CalibrationFile, recorded: Recorded) -> Played:
             sigma.append(1e-6 * float(np.sqrt(sum(t.press_sigma_un**2 for t in rows))))
             flags.append(frame.flags)
             touches.append(np.array([(t.x_um, t.y_um) for t in rows]).reshape(-1, 2) * 1e-3)
+            place_sigma.append(np.array([t.place_sigma_um for t in rows]) * 1e-3)
             change = cv2.GaussianBlur(picture[..., :2].sum(axis=-1, dtype=np.float64) - rest, (0, 0), SIGMA_PX)
             u, v, brightness = brightest(np.asarray(change))
             level.append(brightness)
@@ -120,7 +124,7 @@ def play(board: Board, file: CalibrationFile, recorded: Recorded) -> Played:
     at = recorded.touched
     return Played(
         recorded, truth["wrench"][at, :3] @ inwards, recorded.rig["force"][at, :3] @ inwards, np.array(ours),
-        np.array(sigma), np.array(flags), touches, np.array(level), np.array(peak),
+        np.array(sigma), np.array(flags), touches, place_sigma, np.array(level), np.array(peak),
     )  # fmt: skip
 
 
@@ -147,7 +151,7 @@ def judge(
         "simulated": True, "board": board.name, "quick": quick, "calibration": calibration, "curve": curve.tolist(),
         "places": _places(played, camera, cylinder), "forces": _forces(played, curve),
         "both_ways": _both_ways(played), "loops": _loops(played, curve), "trials": _trials(played),
-        "two_fingers": _two_fingers(played), "unflagged": _unflagged(played),
+        "two_fingers": _two_fingers(played), "unflagged": _unflagged(played), "stated": _stated(played),
     }  # fmt: skip
     return result, _text(result)
 
@@ -313,6 +317,24 @@ def _unflagged(played: list[Played]) -> dict[str, int]:
     return {"frames": frames, "flagged": flagged, "missed": missed, "split": split, "wrong": wrong}
 
 
+def _stated(played: list[Played]) -> dict[str, Coverage]:
+    """Of single touches above FELT_N to full scale, unflagged: force in N; place in mm, along both directions."""
+    off, sigma, away_mm, place_sigma = [], [], [], []
+    for p in played:
+        if p.recorded.part != "judge" or p.name.startswith("judge_two"):
+            continue
+        for i in np.flatnonzero((p.load > FELT_N) & (p.load < FULL_SCALE_N) & (p.flags == 0)):
+            if len(p.touches[i]) == 1:
+                off.append(p.ours[i] - p.load[i])
+                sigma.append(p.sigma[i])
+                away_mm.append(p.touches[i][0] - p.place)
+                place_sigma.append(2 * [p.place_sigma[i][0]])
+    return {
+        "force": coverage(np.array(off), np.array(sigma)),
+        "place": coverage(np.array(away_mm).reshape(-1, 2), np.array(place_sigma).reshape(-1, 2)),
+    }
+
+
 def _lines(title: str, names: Iterable[str], rows: dict[str, dict[str, float]]) -> list[str]:
     names = list(names)
     lines = [title, "  " + " " * 28 + "".join(f"{n:>16}" for n in names)]
@@ -332,6 +354,7 @@ def _text(r: dict[str, Any]) -> str:
         "Fig. 12, spread of five trials at 5 N, %: "
         + (", ".join(f"{k} {v:.2g}" for k, v in r["trials"].items()) or "not played"),
         "Two fingers at 15 mm told: " + ", ".join(f"{k} {100 * v:.0f} %" for k, v in r["two_fingers"].items()),
+        *stated_lines("Stated uncertainty of single touches, N and mm", r["stated"]),
         "Frames {frames}, flagged {flagged}, no touch told {missed}, told as more than one {split}, "
         "told and wrong without a flag {wrong}".format(
             **r["unflagged"]

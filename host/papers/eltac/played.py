@@ -17,7 +17,8 @@ class Played:
     """One run, frame by frame from the first touch on.
 
     load (t,) N into the skin as it is and cell (t,) as the load cell says; ours (t,) the sum over the touches;
-    sigma (t,); touches: places (k, 2) mm of each frame; level (t,) and peak_px (t, 2) of the brightest pixel.
+    sigma (t,); touches, place_sigma: places (k, 2) mm of each frame, and their sigmas (k,); level (t,) and peak_px
+    (t, 2) of the brightest pixel.
     """
 
     recorded: Recorded
@@ -27,6 +28,7 @@ class Played:
     sigma: Array
     flags: npt.NDArray[np.int64]
     touches: list[Array]
+    place_sigma: list[Array]
     level: Array
     peak_px: Array
 

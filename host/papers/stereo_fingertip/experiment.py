@@ -21,6 +21,7 @@ import numpy.typing as npt
 from papers.experiments import Experiment, Figure, Options
 from papers.judged import default_folder
 from papers.recorded import Recorded, shape_of
+from papers.stated import coverage, covered
 from papers.stereo_fingertip import pictures
 from papers.stereo_fingertip import teacher as stereo_teacher
 from papers.stereo_fingertip.area import direct
@@ -104,7 +105,7 @@ def headline(result: dict[str, Any]) -> dict[str, Figure]:
             continue
         for quantity in QUANTITIES[:-1]:
             out[f"{name}, {quantity}"] = Figure(row["mean"][quantity], stand_in[quantity] if name == "any" else None)
-        out[f"{name}, force_n within 2 sigma"] = Figure(row["within_two_sigma_percent"]["force_n"])
+        out |= {f"{name}, {what}": Figure(percent) for what, percent in covered(row["stated"], ("force_n",)).items()}
     shapes = result["unseen"]["shapes"]
     if shapes["n_frames"]:
         out["shapes, area error"] = Figure(shapes["mean"]["area_percent"])
@@ -210,12 +211,12 @@ def figures(played: list[Played], full_n: float = 1.0) -> dict[str, Any]:
     places = {"x_mm": _mean(off[sure, X]), "y_mm": _mean(off[sure, Y])}
     unit = np.where(np.arange(7) == AREA, truth[known, AREA, None] / 100, 1.0)
     is_told = np.isfinite(off[known])  # not of a ball's face, nor where the area is not told
-    inside = ((off[known] * unit <= 2 * sigma[known]) & is_told).sum(axis=0) / np.maximum(is_told.sum(axis=0), 1)
+    stated = {q: coverage((off[known] * unit)[:, i], sigma[known, i]) for i, q in enumerate(QUANTITIES)}
     return {
         "area_told_percent": 100 * float(is_told[:, AREA].mean()),
         "n_runs": len(played), "n_frames": len(off), "told_percent": 100 * float(known.mean()), "mean": mean,
         "by_force": levels,
-        "within_two_sigma_percent": dict(zip(QUANTITIES, (100 * inside).tolist(), strict=True)),
+        "stated": stated,
         "sure_of_place": {"percent": 100 * float(sure.mean()), **places},
     }  # fmt: skip
 

@@ -89,10 +89,11 @@ def _lines(name: str, row: dict[str, Any]) -> list[str]:
            + "".join(f"{row['mean'][q]:13.3f}" for q in QUANTITIES)]  # fmt: skip
     for level, means in row["by_force"].items():
         out.append(f"    {level + ' N':39}" + "".join(f"{means[q]:13.3f}" for q in QUANTITIES))
-    inside = "".join(f"{row['within_two_sigma_percent'][q]:13.1f}" for q in QUANTITIES)
     sure = row["sure_of_place"]
     where = f"x {sure['x_mm']:.2f}, y {sure['y_mm']:.2f} mm"
-    out.append(f"    {'within two stated deviations, %':39}{inside}")
+    for k in (1, 2):
+        inside = "".join(f"{row['stated'][q][f'within_{k}']:13.1f}" for q in QUANTITIES)
+        out.append(f"    {f'within {k} stated sigma, %':39}{inside}")
     out.append(
         f"    place stated to {SURE_MM:g} mm in {sure['percent']:.0f} %: {where}; "
         f"area told in {row['area_told_percent']:.0f} %"

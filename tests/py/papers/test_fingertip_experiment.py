@@ -32,8 +32,9 @@ def test_errors_are_of_what_is_told_and_by_force() -> None:
     assert said["n_frames"] == 40
     assert said["told_percent"] == pytest.approx(95)
     assert list(said["mean"].values()) == pytest.approx([0.2] * 7)
-    assert said["within_two_sigma_percent"]["force_n"] == pytest.approx(50)
-    assert said["within_two_sigma_percent"]["area_percent"] == pytest.approx(50)
+    assert said["stated"]["force_n"]["within_1"] == 0
+    assert said["stated"]["force_n"]["within_2"] == pytest.approx(50)
+    assert said["stated"]["area_percent"]["within_2"] == pytest.approx(50)
     assert set(said["by_force"]) == {"0.05-0.2", "0.2-0.4", "0.4-0.6", "0.6-0.8", "0.8-1.05"}
     assert said["sure_of_place"]["percent"] == pytest.approx(95)
     assert said["sure_of_place"]["x_mm"] == pytest.approx(0.2)

@@ -49,6 +49,7 @@ def test_errors_of_both_on_the_frames_that_both_have(board: Board) -> None:
     assert said["ours"] == pytest.approx((RANGES / 100).tolist())
     assert said["paper"] == pytest.approx((3 * RANGES / 100).tolist())
     assert said["unflagged_wrong"] == 0
+    assert _judge([played(board, ours=1.0, paper=3.0, sigma=0.7)])["within_1_sigma"] == [0.0] * 6
     assert said["within_2_sigma"] == said["within_5_sigma"] == [1.0] * 6
     assert said["r2"][0] == pytest.approx(0.998, abs=0.001)
 
@@ -75,12 +76,12 @@ def test_an_axis_that_the_board_does_not_measure_is_not_judged(board: Board) -> 
 def test_the_table_has_both_and_the_papers_columns(board: Board) -> None:
     settings = load_reproduce(board, BENCH)
     result = {
-        "board": board.name, "quick": False, "sets": {"hand": _judge([played(board, ours=1.0, paper=3.0, sigma=1.0)])},
+        "board": board.name, "quick": False, "sets": {"hand": _judge([played(board, ours=1.0, paper=3.0, sigma=1.1)])},
         "published": {p.name: p.value_1e6 * 1e-6 for p in settings.published},
     }  # fmt: skip
     line = next(row for row in table(result).splitlines() if row.strip().startswith("Fz"))
     assert line.split() == ["Fz", "0.08", "(1.00", "%)", "0.24", "(3.00", "%)", "0.33", "0.998", "0.984",
-                            "100.0,", "100.0", "0.094", "(1.18", "%)", "0.668", "(3.3", "%)"]  # fmt: skip
+                            "100.0,", "100.0,", "100.0", "0.094", "(1.18", "%)", "0.668", "(3.3", "%)"]  # fmt: skip
     assert "SIMULATED" in table(result)
 
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize
 
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.few_features import Seen, stated
 from ruffini.estimators.wrench.kernel import TAIL, Grid
 from ruffini.estimators.wrench.kernel_choice import choose_kernel, kernel_fitted
 from ruffini.estimators.wrench.log import FeatureRun
@@ -176,7 +177,17 @@ def fit_wrench_map(
     fits = [
         _fit_at(runs, lag_s, holdout, bend, prior, nonlinear, grid, is_of_gel or grid is not None) for lag_s in lags
     ]
-    return min(fits, key=lambda fit: float((1 - fit.r2).sum()))
+    return fits[0] if len(fits) == 1 else min(fits, key=lambda fit: _misfit(fit, runs))
+
+
+def _misfit(fit: Fit, runs: list[FeatureRun]) -> float:
+    """Part of the reference that a map of few features does not explain of its own log, summed over the axes.
+
+    Not of recordings left out: of a log that has each kind of load once, a fold has an axis that nothing loaded.
+    """
+    frames = frames_of(runs, fit.lag_s)
+    error = fit.map.predicted(frames) - frames.wrench
+    return float((rms(error) ** 2 / np.maximum(frames.wrench.var(axis=0), 1e-12))[fit.map.full > 0].sum())
 
 
 def _fit_at(
@@ -453,16 +464,20 @@ def _with_forward(
         is_excited = np.sqrt((pairs**2).mean(axis=0)) > LEAST_PRODUCT
         both = solve(np.concatenate([u, pairs * is_excited], axis=1), frames.features, FREE_RIDGE)
         first, beyond = both[:, :6], both[:, 6:] * is_excited
-    off = np.abs(frames.features - u @ first.T - pairs @ beyond.T)
+    off = frames.features - u @ first.T - pairs @ beyond.T
     forward = np.concatenate([first, beyond], axis=1)
-    error = _error(found, frames, errors, folds, is_two_held=is_two_held)
-    return replace(found, forward=forward, tolerance=TOLERANCE * off.max(axis=0), error=error)
+    error = _error(found, frames, errors, folds, off, is_two_held=is_two_held)
+    return replace(found, forward=forward, tolerance=TOLERANCE * np.abs(off).max(axis=0), error=error)
 
 
-def _error(found: WrenchMap, frames: Frames, errors: Array, folds: Folds, *, is_two_held: bool) -> Array:
+def _error(
+    found: WrenchMap, frames: Frames, errors: Array, folds: Folds, off: Array, *, is_two_held: bool
+) -> Array:  # fmt: skip
     """Vectors of the covariance: at rest the features' noise through K; of a load what is left of the held-out errors.
 
     The reference's own noise is in both and goes: it is what the reference says of rest frames, where nothing presses.
+    Of few features `few_features` states it.
+    off : (t, n), features less those of the wrench.
     is_two_held : of a kernel, 95 % of all held-out errors are within two sigma, too. Untouched frames, whose errors are
         small, have a sigma of their own then (`rest`), and the others exceed two of theirs more often.
     """
@@ -476,6 +491,9 @@ def _error(found: WrenchMap, frames: Frames, errors: Array, folds: Folds, *, is_
     quiet = np.cov(at_once[at_rest].T)
     loaded = size2 > LOADED_PART**2
     _check_loaded(loaded)
+    if frames.features.shape[1] <= FEW:
+        seen = Seen(at_once, np.sqrt(size2), off, errors, loaded)
+        return np.stack([_vectors(part) for part in stated(seen, frames, found.full)])
     left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
     growing = left / size2[loaded].mean()
     is_measured = np.outer(found.full > 0, found.full > 0)  # nothing is said of the others
