@@ -46,8 +46,11 @@ class Layer:
 
 
 def programs_of_tests() -> dict[str, str]:
-    """The program that each C++ test file is compiled into, read from CMakeLists.txt."""
+    """The program that each C++ test file is compiled into, read from CMakeLists.txt with its lists by pattern."""
     text = (REPO / "CMakeLists.txt").read_text()
+    for name, pattern in re.findall(r"file\(GLOB (\w+) CONFIGURE_DEPENDS (tests/\S+)\)", text):
+        found = " ".join(str(path.relative_to(REPO)) for path in sorted(REPO.glob(pattern)))
+        text = text.replace(f"${{{name}}}", found)
     blocks = re.findall(r"(?:add_executable|target_sources)\((\w+)\s(.*?)\)\n", text, re.S)
     return {path: name for name, body in blocks for path in re.findall(r"tests/[\w/]+_test\.cpp", body)}
 
