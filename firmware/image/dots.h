@@ -8,7 +8,8 @@
 //
 // The weight falls to zero at the component's edge, so the centre moves smoothly as the dot crosses the pixel grid.
 // Components that touch the border or whose area is outside [min, max] are dropped. Grey is in 1/16 levels of three
-// channels together (image/difference.h). Frame thread; no allocation after the constructor.
+// channels together (image/difference.h). Tiles without a weight are passed over (image/dot_tiles.h). Frame thread; no
+// allocation after the constructor.
 #pragma once
 
 #include <cstdint>
