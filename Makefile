@@ -169,7 +169,7 @@ gels: build  ## force of gels without markers by `ruffini cal auto`, SIMULATED; 
 resolution: build  ## lines told apart and response by spatial frequency of every force field, SIMULATED; writes its rows in docs/results/accuracy.md and its picture
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/resolution.py --table docs/results/accuracy.md --out docs/results/resolution.png
 
-steady: build  ## noise of the field of held contacts, each frame by itself and averaged, SIMULATED; writes its row in docs/results/accuracy.md
+steady: build  ## noise of the field of held contacts, of single frames and of means, SIMULATED; writes its row in docs/results/accuracy.md
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/bench/steady.py --table docs/results/accuracy.md
 
 DATA ?= $(RUFFINI_RECORDED_DATA)

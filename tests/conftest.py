@@ -6,6 +6,7 @@ RUFFINI_TEST_ORDER=SEED shuffles the modules and the tests within each instead: 
 from __future__ import annotations
 
 import gc
+import hashlib
 import json
 import os
 import random
@@ -24,8 +25,10 @@ from kept import cache_folder
 os.environ["RUFFINI_PATIENCE"] = "20"  # before the host is imported: it waits as long as a guard against a hang
 
 from ruffini.device import ports
+from ruffini.estimators.material import model as material
 
 COSTS = "module_seconds.json"
+N_SYSTEMS = 9  # of one board's fit
 _seconds: dict[str, float] = defaultdict(float)
 _processor_s: list[float] = []  # of each worker with the processes that it started; a busy computer changes it little
 
@@ -88,6 +91,25 @@ def _patient_host() -> Iterator[None]:
     """The kernel of a busy computer moves what was written to a pseudo-terminal when it comes to it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ports, "WRITE_TIMEOUT_S", HANG_S)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _systems_of_a_board_made_once() -> Iterator[None]:
+    """A fit of a pad makes nine, its report and the module's next fit the same ones: the newest nine are kept."""
+    made: dict[tuple[Any, ...], Any] = {}
+    make = material.system_of
+
+    def system_of(slab: Any, noise: Any, observed: Any, operator: Any) -> Any:
+        key = (slab, noise, observed.tobytes(), hashlib.sha256(operator.tobytes()).digest())
+        system = made.pop(key, None) or make(slab, noise, observed, operator)
+        made[key] = system
+        for old in list(made)[:-N_SYSTEMS]:
+            made.pop(old, None)
+        return system
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(material, "system_of", system_of)
         yield
 
 

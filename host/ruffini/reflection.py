@@ -56,9 +56,16 @@ def parity_bases(n_x: int, n_y: int) -> list[sp.csr_matrix]:
 def dense_from_blocks(bases: list[sp.csr_matrix], blocks: list[Array]) -> Array:
     """The full matrix: sum over the classes of Q A Q^T, (3 n, 3 n)."""
     n = bases[0].shape[0]
-    full = np.zeros((n, n))
+    full, row = np.zeros((n, n)), np.empty(n)
     for basis, block in zip(bases, blocks, strict=True):
-        full += basis @ (basis @ block.T).T
+        # A field's component is in one field of the basis, or in none: no sums, which make a product of matrices slow.
+        is_in = np.diff(basis.indptr) > 0
+        column, value = np.zeros(n, dtype=np.intp), np.zeros(n)
+        column[is_in], value[is_in] = basis.indices, basis.data
+        right = np.take(block, column, axis=1)
+        right *= value
+        for i in np.flatnonzero(is_in):
+            full[i] += np.multiply(right[column[i]], value[i], out=row)
     return full
 
 
@@ -73,6 +80,5 @@ def spd_inverse(matrix: Array) -> Array:
     if info != 0:
         raise np.linalg.LinAlgError(f"matrix is not positive definite (minor {info})")
     inverse, _ = la.lapack.dpotri(factor, lower=1, overwrite_c=1)
-    lower = np.tril_indices_from(inverse, -1)
-    inverse.T[lower] = inverse[lower]
+    np.copyto(inverse.T, inverse, where=np.tri(len(inverse), k=-1, dtype=bool))
     return np.asarray(inverse)

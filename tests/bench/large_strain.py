@@ -1,7 +1,9 @@
 """Large strain: errors of the board's integers on a neo-Hookean pad, and the fit of what makes them small. SIMULATED.
 
-    python tests/bench/large_strain.py          # on bench.states.FRESH, which the fit has never seen
-    python tests/bench/large_strain.py --fit    # prints fem.finite_strain.FITTED
+    python tests/bench/large_strain.py --table docs/results/accuracy.md  # on FRESH, which the fit has never seen
+    python tests/bench/large_strain.py --fit                             # prints fem.finite_strain.FITTED
+
+--table replaces the rows in that document's section SECTION.
 
 The first time either takes an hour of one core: the twin's presses at finite strain, which are cached. Presses that
 the twin cannot solve (edges 1.5 mm deep) are left out and named.
@@ -10,12 +12,15 @@ the twin cannot solve (edges 1.5 mm deep) are left out and named.
 from __future__ import annotations
 
 import argparse
+import datetime
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from gels import with_row
 from scipy.optimize import lsq_linear
 
 from ruffini.bench import ifem
@@ -30,11 +35,20 @@ from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.finite_strain import EXACT, FITTED, LAYERS, Weights, finite_strain
 from ruffini.fem.operators import Noise
 from ruffini.fem.support import contact_mask, solve_on_support
+from ruffini.files import write_whole
 from ruffini.reflection import dense_from_blocks, spd_inverse
 from ruffini.sim.cache import cached_state
 from ruffini.sim.contact import ContactSolver, Indenter, Pose
 from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit
+
+sys.path.append(str(Path(__file__).parents[1] / "hostile"))
+from table import commit
+
+SECTION = "## Large strain"
+COLUMNS = ("tangential error, total force", "0.6 mm", "1.0 mm", "1.5 mm", "commit", "date")
+# The code that the figures depend on: commits of anything else change none.
+JUDGED = ("firmware", "host/ruffini", "boards", "tests/bench/large_strain.py", ":!*.md")
 
 Array = npt.NDArray[np.float64]
 Estimate = Callable[[Array], Array]
@@ -172,14 +186,15 @@ def _errors(true: Array, force: Array) -> Array:
     return np.concatenate([part.ravel() for part in parts])
 
 
-def judge(board: Board) -> None:
-    """Print the errors of the board's integers on FRESH."""
+def judge(board: Board) -> dict[str, list[str]]:
+    """Print the errors of the board's integers on FRESH. Returns the cells of the rows' depths, by the row's name."""
+    rows: dict[str, list[str]] = {}
     kind = make_operator(board, method="support", noise=NOISE, is_finite=True)
     shape, lsb = (board.grid.n_y, board.grid.n_x), board.field.force_lsb_un
     plain = replace(kind, tensors={k: v for k, v in kind.tensors.items() if not k.startswith("finite_strain.")})
     tables, integers = finite_strain(board_slab(board), shape, EXACT).tensors(lsb)
     second = replace(kind, tensors=kind.tensors | tables, metadata=kind.metadata | integers)
-    linear, others = _pipeline(board, plain), {"second order": second, "weighted": kind}
+    linear, others = _pipeline(board, plain), {"second order": second, "`--strain finite`": kind}
     for depth in DEPTHS_MM:
         states, unsolved = [], []
         for recipe in FRESH:
@@ -197,14 +212,17 @@ def judge(board: Board) -> None:
             f"{depth:g} mm, SIMULATED, {len(states)} presses; not solved by the twin: {', '.join(unsolved) or 'none'}"
         )
         small = make_states(board, tuple(state.recipe for state in states), (depth,))
-        report(board, "on a linear pad, linear", linear, small)
-        report(board, "linear", linear, states)
-        for name, other in others.items():
-            report(board, name, _pipeline(board, other), states)
+        for name, pipeline, judged in (
+            ("linear pad, linear default", linear, small),
+            ("finite strain, linear default", linear, states),
+            *((f"finite strain, {name}", _pipeline(board, other), states) for name, other in others.items()),
+        ):
+            rows.setdefault(name, []).append(report(board, name, pipeline, judged))
+    return rows
 
 
-def report(board: Board, name: str, pipeline: Pipeline, states: list[State]) -> None:
-    """Print the mean errors of the board's integers, with noise."""
+def report(board: Board, name: str, pipeline: Pipeline, states: list[State]) -> str:
+    """Print the mean errors of the board's integers, with noise. Returns a table's cell."""
     scores, noise = ifem.Scores(), Disturbance(white_um=WHITE_UM)
     for i, state in enumerate(states):
         for seed in range(3):
@@ -214,7 +232,8 @@ def report(board: Board, name: str, pipeline: Pipeline, states: list[State]) -> 
             scores.add(state, force.reshape(state.force.shape), step_mm(board))
     m = scores.means()
     errors = f"tangential {m['tangential']:.3f}, normal {m['normal']:.3f}, total {1e3 * m['resultant_n']:.0f} mN"
-    print(f"  {name:24}{errors}")
+    print(f"  {name:34}{errors}", flush=True)
+    return f"{m['tangential']:.2f}, {1e3 * m['resultant_n']:.0f} mN"
 
 
 def step_mm(board: Board) -> tuple[float, float]:
@@ -230,12 +249,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--board", default="gelslim", help="a board with a flat pad and a window as large as it")
     parser.add_argument("--fit", action="store_true", help="fit the weights instead")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="write the rows into this document")
     chosen = parser.parse_args()
     board = find_board(chosen.board)
     if chosen.fit:
         print(f"fitted: {fit(board)}\nnow:    {FITTED}")
-    else:
-        judge(board)
+        return
+    at, date = commit(JUDGED), datetime.date.today().isoformat()
+    rows = judge(board)
+    if chosen.table is not None:
+        text = chosen.table.read_text()
+        for name, cells in rows.items():
+            text = with_row(text, f"| {' | '.join((name, *cells, at, date))} |", SECTION, COLUMNS)
+        write_whole(chosen.table, text.encode())
 
 
 if __name__ == "__main__":

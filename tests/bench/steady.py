@@ -30,7 +30,7 @@ JUDGED = ("firmware", "host/ruffini", "boards", "tests/bench/steady.py", ":!*.md
 
 
 def row(result: dict[str, Any], at: str, date: str) -> str:
-    """The row in Markdown: each frame by itself, then averaged."""
+    """The row in Markdown: of single frames, then of means."""
     each, averaged = (result["held"][name] for name in NAMES)
 
     def both(name: str, factor: float, digits: int, unit: str = "") -> str:

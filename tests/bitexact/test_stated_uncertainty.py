@@ -37,17 +37,29 @@ from ruffini.fem.uncertainty import wrench_covariance as wrench_covariance_float
 from ruffini.wire.covariance import full_covariance
 
 Tensors = dict[str, npt.NDArray[np.generic]]
-TEXT = board_with_all_stages(2).replace("n_x = 9\nn_y = 7", "n_x = 41\nn_y = 31")
+FEW_NODES = board_with_all_stages(2)
+TEXT = FEW_NODES.replace("n_x = 9\nn_y = 7", "n_x = 41\nn_y = 31")
 STIFFNESS = "support.stiffness_sigma_1e6"
 NAMES = ("reported", "quiet", "local", "wrench")
 
 
-@pytest.fixture(scope="module")
-def base() -> tuple[Tensors, dict[str, str]]:
-    typed = parse_board(TEXT.encode(), "small")
+def tables_of(text: str) -> tuple[Tensors, dict[str, str]]:
+    """All but the error model."""
+    typed = parse_board(text.encode(), "small")
     kind = kept(make_operator, typed, method="support", noise=Noise((5e-5, 5e-5, 2e-4)))
     tables = photometric_tables(np.random.default_rng(3))
     return {**kind.tensors, **tables}, {**base_metadata(typed), **kind.metadata}
+
+
+@pytest.fixture(scope="module")
+def base() -> tuple[Tensors, dict[str, str]]:
+    return tables_of(TEXT)
+
+
+@pytest.fixture(scope="module")
+def base_of_few() -> tuple[Tensors, dict[str, str]]:
+    """What the loader refuses, it refuses on a board of any size."""
+    return tables_of(FEW_NODES)
 
 
 def drawn(rng: np.random.Generator, *, largest: bool) -> Tensors:
@@ -167,10 +179,12 @@ def test_the_boards_stiffness_counts_where_the_file_states_none(
 
 
 @pytest.mark.parametrize("value", ["-1", "500001", "0.05"])
-def test_a_stiffness_that_is_none_is_refused(base: tuple[Tensors, dict[str, str]], value: str) -> None:
-    file = pack({**base[0], **drawn(np.random.default_rng(1), largest=False)}, {**base[1], STIFFNESS: value})
+def test_a_stiffness_that_is_none_is_refused(base_of_few: tuple[Tensors, dict[str, str]], value: str) -> None:
+    file = pack(
+        {**base_of_few[0], **drawn(np.random.default_rng(1), largest=False)}, {**base_of_few[1], STIFFNESS: value}
+    )
     with pytest.raises(InputError, match=STIFFNESS):
-        Pipeline(parse_board(TEXT.encode(), "small"), file.data).close()
+        Pipeline(parse_board(FEW_NODES.encode(), "small"), file.data).close()
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -247,24 +261,24 @@ BAD = (
 
 @pytest.mark.parametrize(("name", "at", "value"), BAD)
 def test_tables_out_of_range_are_refused(
-    base: tuple[Tensors, dict[str, str]], name: str, at: tuple[int, int], value: int
+    base_of_few: tuple[Tensors, dict[str, str]], name: str, at: tuple[int, int], value: int
 ) -> None:
     tables = drawn(np.random.default_rng(1), largest=False)
     tables[f"support.error_{name}"][at] = value
     with pytest.raises(InputError, match="states no error or one out of range"):
-        open_with(base, tables)
+        open_with(base_of_few, tables)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_tables_of_another_size_or_missing_are_refused(base: tuple[Tensors, dict[str, str]], name: str) -> None:
+def test_tables_of_another_size_or_missing_are_refused(base_of_few: tuple[Tensors, dict[str, str]], name: str) -> None:
     tables = drawn(np.random.default_rng(1), largest=False)
     full = f"support.error_{name}"
     with pytest.raises(InputError, match=full):
-        open_with(base, {**tables, full: tables[full][:, :-1].copy()})
+        open_with(base_of_few, {**tables, full: tables[full][:, :-1].copy()})
     with pytest.raises(InputError, match=full):
-        open_with(base, {k: v for k, v in tables.items() if k != full})
+        open_with(base_of_few, {k: v for k, v in tables.items() if k != full})
 
 
 def open_with(base: tuple[Tensors, dict[str, str]], tables: Tensors) -> None:
     file: CalibrationFile = pack({**base[0], **tables}, base[1])
-    Pipeline(parse_board(TEXT.encode(), "small"), file.data).close()
+    Pipeline(parse_board(FEW_NODES.encode(), "small"), file.data).close()

@@ -86,6 +86,10 @@ class Listener:
         came = self.messages(f"{base}/measurement", last=1)
         return int(came[0].frame) if came else -1
 
+    def stamp(self, topic: str) -> Any:
+        """Of the last message."""
+        return self.messages(topic, last=1)[0].header.stamp
+
     def messages(self, topic: str, last: int = 0) -> list[Any]:
         """As rosbags' own deserialiser has them, by the type that the key names."""
         out = []
@@ -134,7 +138,8 @@ def test_a_press_arrives_as_ros_messages(sensor: Sensor, listener: Listener, tmp
                 tokens = set(listener.tokens)  # with the last frame it leaves
             sensor_time.advance(0.01)
             n_captured += 1
-        until(lambda: listener.number(f"{base}/contacts") == N_SENT, "the last frame")
+        until(lambda: listener.number(f"{base}/measurement") == N_SENT, "the last frame")
+        until(lambda: listener.stamp(f"{base}/contacts") == listener.stamp(f"{base}/measurement"), "all of it")
         out, err = bridge.communicate(timeout=HANG_S)
     assert bridge.returncode == 0, err
     assert json.loads(out) == {"node": base, "frames": N_SENT}

@@ -87,9 +87,11 @@ def copied_tree(folder: Path) -> Path:
             and str(old.relative_to(folder)) not in names
         ):
             old.unlink()  # a test that was renamed must not run under its old name as well
-    packages = folder / "host/page/node_modules"
-    if (REPO / "host/page/node_modules").is_dir() and not packages.exists():
-        packages.symlink_to((REPO / "host/page/node_modules").resolve())
+    for installed in ("host/page/node_modules", ".venv/libgpiod"):  # the latter where apt has version 1
+        link = folder / installed
+        if (REPO / installed).is_dir() and not link.exists():
+            link.parent.mkdir(parents=True, exist_ok=True)
+            link.symlink_to((REPO / installed).resolve())
     return folder
 
 

@@ -89,19 +89,30 @@ def test_what_a_module_imports_counts_and_nothing_else() -> None:
     assert len(names("of nobody")) == sum(len(list(one.rglob("*.py"))) for one in (module.PACKAGE, module.PAPERS))
 
 
+def test_the_library_counts_for_those_that_load_it_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Boards are read by it: another one changes what `ruffini.boards` makes, and not a pad's compliance."""
+    versions = []
+    for content in (b"one", b"another"):
+        (tmp_path / "libruffini.so").write_bytes(content)
+        monkeypatch.setattr("ruffini.native.native_folder", lambda: tmp_path)
+        versions.append([module.code_version.__wrapped__(of) for of in ("ruffini.sim.pad", "ruffini.boards", __name__)])
+    assert [one == other for one, other in zip(*versions, strict=True)] == [True, False, False]
+
+
 def test_a_module_that_imports_what_nobody_can_list_counts_as_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     everything = set(module.PACKAGE.rglob("*.py"))
-    monkeypatch.setattr(module, "_file_of", lambda name: tmp_path / name if name in ("a", "b") else None)
+    places = {"a": tmp_path / "a", "b": tmp_path / "b", "kept": Path(module.__file__).resolve()}
+    monkeypatch.setattr(module, "_file_of", places.get)
     for line in ("import ruffini", "from ruffini import connect", "import subprocess", "importlib.import_module(x)"):
         (tmp_path / "a").write_text("def f():\n    import b\n")
         (tmp_path / "b").write_text(f"def f():\n    {line}\n")
         module._imports.cache_clear()
         assert everything < set(module.sources("a")), line
-    (tmp_path / "b").write_text("from ruffini.errors import InputError\n")
+    (tmp_path / "b").write_text("from kept import kept\nfrom ruffini.errors import InputError\n")
     module._imports.cache_clear()
-    assert set(module.sources("a")) == {tmp_path / "a", tmp_path / "b"}
+    assert set(module.sources("a")) == set(places.values())
 
 
 def test_the_oldest_go(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

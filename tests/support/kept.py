@@ -1,9 +1,9 @@
 """Results that are expensive and always the same, kept between runs and shared between the workers of one run.
 
-A result is found again by the hash of the function's name, its arguments and the code version: the native library, the
-boards, the interpreter, numpy, scipy, and the project's sources that the module of the function, or of an argument's
-class, imports, directly or not. One worker makes it, the others wait for it. A file whose checksum does not fit is made
-again. RUFFINI_TEST_CACHE names the folder; an empty one costs time only.
+A result is found again by the hash of the function's name, its arguments and the code version: the interpreter, numpy,
+scipy, the project's sources that the module of the function, or of an argument's class, imports, directly or not, and
+the native library with the boards that it reads, where one of those loads it. One worker makes it, the others wait for
+it. A file whose checksum does not fit is made again. RUFFINI_TEST_CACHE names the folder; an empty one costs time only.
 """
 
 from __future__ import annotations
@@ -54,8 +54,10 @@ def code_version(module: str) -> bytes:
     from ruffini.native import native_folder
 
     found = hashlib.sha256(f"{sys.version} {numpy.__version__} {scipy.__version__}".encode())
-    boards = sorted((ROOT / "boards").rglob("*.toml"))
-    for path in [*sources(module), *boards, native_folder() / "libruffini.so"]:
+    paths = sources(module)
+    if PACKAGE / "native.py" in paths:  # only through it is the library loaded, and only the library reads a board
+        paths += [*sorted((ROOT / "boards").rglob("*.toml")), native_folder() / "libruffini.so"]
+    for path in paths:
         found.update(str(path.name).encode() + b"\0" + path.read_bytes())
     return found.digest()
 
@@ -102,7 +104,8 @@ def _file_of(module: str) -> Path | None:
 @functools.cache
 def _imports(path: Path) -> tuple[set[str], bool]:
     """What a source imports, with the packages that this imports; and whether that may not be all."""
-    if path == PACKAGE / "__init__.py":  # it imports the API when somebody asks for that
+    # The one imports the API when somebody asks for that; what this file imports makes no result.
+    if path in (PACKAGE / "__init__.py", Path(__file__).resolve()):
         return set(), False
     names: set[str] = set()
     text = path.read_text()

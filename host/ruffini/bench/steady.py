@@ -263,7 +263,7 @@ def table(result: dict[str, Any]) -> str:
     """The result as text."""
     noise = "/".join(f"{v:g}" for v in result["noise_um"])
     lines = [
-        f"{result['board']}, SIMULATED, noise {noise} um: each frame by itself, and averaged over up to "
+        f"{result['board']}, SIMULATED, noise {noise} um: of single frames, and of means of up to "
         f"{result['frames']} steady frames",
         "held contacts: noise of a node over time, errors of the field, shares within one and two stated sigmas",
     ]

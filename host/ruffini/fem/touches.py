@@ -108,8 +108,8 @@ class TouchMaker:
         step_x, step_y, _ = self._slab.step_m
         shape = (finer * self._box[0], finer * self._box[1])
         waves = np.fft.rfft2(force, s=shape, axes=(0, 1)) / (step_x * step_y / finer**2)
-        u = np.fft.irfft2(np.einsum("...ij,...j->...i", compliance, waves), s=shape, axes=(0, 1))
-        return np.asarray(u[: force.shape[0] : finer, : force.shape[1] : finer])
+        u = np.fft.ifft(np.einsum("...ij,...j->...i", compliance, waves), axis=0)[: force.shape[0] : finer]
+        return np.asarray(np.fft.irfft(u, shape[1], axis=1)[:, : force.shape[1] : finer])
 
     def _one(self, depth: float) -> Array:
         """Forces of one indenter on the fine grid, of a peak pressure of about 1: over an ellipse, with shear."""

@@ -119,7 +119,7 @@ class AttachedPad:
             hull = Hull(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
         elif kind == "mesh":
             hull = Hull.of_mesh(model, model.geom_dataid[geom])
-        reach = np.inf if kind == "plane" else float(model.geom_rbound[geom])
+        reach = 0.0 if kind == "plane" else float(model.geom_rbound[geom])
         friction = float(model.geom_friction[geom, 0])
         modulus = self.moduli_pa.get(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom) or "", math.inf)
         share = 1 / (1 + self.solid.unit.model.modulus_pa / modulus)
@@ -144,7 +144,7 @@ class AttachedPad:
         """Geoms near the pad, where they are in its frame, and how far below its face at each node, (n,)."""
         out = []
         for other in self._others:
-            if math.dist(data.geom_xpos[other.geom], pad.origin) > other.reach_m + self._reach_m + NEAR_M:
+            if _away_m(data, other, pad) > other.reach_m + self._reach_m + NEAR_M:
                 other.before = None
                 continue
             seen = pad.of(Frame(data.geom_xmat[other.geom].reshape(3, 3), data.geom_xpos[other.geom]))
@@ -168,7 +168,7 @@ class AttachedPad:
                 motion[touched] = (now - was)[:, :2]
             other.before = seen
         self.deepest_m = float(depth.max(initial=-np.inf))
-        if near:
+        if any(other.pad_share < 1 for other, _, _ in near):
             share = np.array([other.pad_share for other, _, _ in near])[owner]
             depth, motion = depth * share, motion * share[:, None]
         if self.deepest_m <= 0:
@@ -198,6 +198,14 @@ class AttachedPad:
                 arm = (pad.origin - data.xipos[body]).tolist()
                 applied[body, :3] += sign * push
                 applied[body, 3:] += sign * (turn + _cross(arm, push.tolist()))
+
+
+def _away_m(data: Any, other: _Touching, pad: Frame) -> float:
+    """Of a pad's middle from that of a geom, or from a plane."""
+    origin = data.geom_xpos[other.geom]
+    if other.kind != "plane":
+        return math.dist(origin, pad.origin)
+    return float((pad.origin - origin) @ data.geom_xmat[other.geom][2::3])
 
 
 def _name_of(model: Any, geom: int) -> str:

@@ -1,4 +1,4 @@
-"""Pads of a world as real sensors: their pictures through the twin's camera into `ruffinid`, one daemon a pad.
+"""Pads of a world as real sensors: pictures into `ruffinid`; of each pad the camera and the daemon are processes.
 
 A program opens `Live.ports` with `ruffini.connect` as it would the hardware. `HeldSensor` is what a controller reads:
 the newest frame, and a sentence where the line is silent, so that the grip is held.
@@ -11,36 +11,15 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
 from ruffini.api.frame import SensorFrame
 from ruffini.api.sensor import Sensor
 from ruffini.daemon import Daemon, started_daemon
 from ruffini.errors import NoDeviceError
-from ruffini.robot.attached import AttachedPad
+from ruffini.robot.pad_camera import PadCamera
 from ruffini.robot.world import World
-from ruffini.sim.scenario import Scenario
-from ruffini.sim.serve import States, TwinServer
 
-Array = npt.NDArray[np.float64]
-
+CATCH_UP = 5  # frames; a computer that is too slow altogether must not hurry for ever after it
 SILENCE_S = 0.5  # without a frame, after which the grip is held
-
-
-class _Shown:
-    """The newest surface of a pad, for its camera (`serve.Frames`)."""
-
-    def __init__(self, pad: AttachedPad) -> None:
-        self._now = self._before = pad.solid.unit.at_rest()
-
-    def show(self, surface: Array) -> None:
-        """From the next picture on."""
-        self._before, self._now = self._now, surface
-
-    def states(self, frame: int) -> States | None:
-        """What the camera sees; it never ends."""
-        return self._now, self._before, None
 
 
 class Live:
@@ -49,27 +28,29 @@ class Live:
     Attributes
     ----------
     ports : of each pad, for `ruffini.connect`.
-    daemons : of each pad.
+    cameras, daemons : of each pad, processes.
     """
 
     def __init__(self, world: World, *, seed: int = 1) -> None:
         self.world, self._seed = world, seed
         self.ports: dict[str, str] = {}
         self.daemons: dict[str, Daemon] = {}
-        self._shown: dict[str, _Shown] = {}
+        self.cameras: dict[str, PadCamera] = {}
         self._stack = contextlib.ExitStack()
 
     def __enter__(self) -> Live:
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
         with contextlib.ExitStack() as begun:
+            sockets = {name: folder / f"{i}.socket" for i, name in enumerate(self.world.pads)}
             for i, (name, pad) in enumerate(self.world.pads.items()):
-                shown, unit, socket = _Shown(pad), pad.solid.unit, folder / f"{i}.socket"
-                scenario = Scenario(program="rest", seed=self._seed + i)
-                begun.enter_context(TwinServer(unit.renderer(), shown, scenario, socket))
-                assert unit.board.folder is not None
-                store = folder / f"store-{i}"
-                daemon = begun.enter_context(started_daemon(unit.board.folder, f"twin:{socket}", store))
-                self._shown[name], self.daemons[name], self.ports[name] = shown, daemon, daemon.port
+                camera = PadCamera(pad.solid.unit.renderer(), sockets[name], self._seed + i)
+                self.cameras[name] = begun.enter_context(camera)
+            for i, (name, pad) in enumerate(self.world.pads.items()):
+                self.cameras[name].wait()
+                board, store = pad.solid.unit.board.folder, folder / f"store-{i}"
+                assert board is not None
+                daemon = begun.enter_context(started_daemon(board, f"twin:{sockets[name]}", store))
+                self.daemons[name], self.ports[name] = daemon, daemon.port
             self._stack.push(begun.pop_all())
         self._next_s = time.monotonic()
         return self
@@ -78,13 +59,13 @@ class Live:
         self._stack.close()
 
     def step(self) -> None:
-        """Physics of one frame, shown to the cameras, at the clock's pace; late ones are not caught up with."""
+        """Physics of one frame, shown to the cameras, at the clock's pace; CATCH_UP late frames are made up for."""
         self.world.step()
-        for name, shown in self._shown.items():
-            shown.show(self.world.pads[name].contact.surface_displacement())
+        for name, camera in self.cameras.items():
+            camera.show(self.world.pads[name].contact.surface_displacement())
         now = time.monotonic()
         time.sleep(max(0.0, self._next_s - now))
-        self._next_s = max(self._next_s, now) + self.world.frame_s
+        self._next_s = max(self._next_s, now - CATCH_UP * self.world.frame_s) + self.world.frame_s
 
 
 class HeldSensor:

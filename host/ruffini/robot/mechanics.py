@@ -223,8 +223,8 @@ class PadContact:
 
 def wrench_about(place: Array, force: Array) -> Array:
     """Force and moment about the origin of forces (n, 3) at points (x, y, 0) = `place` (n, 2), (6,)."""
-    x, y, (fx, fy, fz) = place[:, 0], place[:, 1], force.T
-    return np.concatenate([force.sum(axis=0), [y @ fz, -(x @ fz), x @ fy - y @ fx]])
+    total, turn = force.sum(axis=0), place.T @ force
+    return np.array([*total, turn[1, 2], -turn[0, 2], turn[0, 1] - turn[1, 0]])
 
 
 def _sliding(

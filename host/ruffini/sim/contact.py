@@ -158,9 +158,9 @@ class ContactSolver:
             return True
         while True:  # the pad may bulge up against the indenter outside the first guess
             near = self._near
-            force, nodes, nodal, is_found = self._balance(near, after, free)
+            force, rows, nodal, is_found = self._balance(near, after, free)
             self._is_patient |= not is_found
-            displacement = free + (nodal.ravel() @ self.response.rows(nodes)).reshape(-1, 3)
+            displacement = free + (nodal.ravel() @ rows).reshape(-1, 3)
             over = displacement[:, 2] - self._gap(after, self._place + displacement)
             if self._body:
                 over -= self._body.pushed(near, force, after, self._place)[:, 2]
@@ -204,8 +204,9 @@ class ContactSolver:
         rises = [self._gap(pose, place + step) - self._gap(pose, place - step) for step in steps]
         return np.column_stack(rises) / (2 * SLOPE_STEP_M)
 
-    def _balance(self, near: Indices, pose: Pose, free: Array) -> tuple[Array, Indices, Array, bool]:
-        """Equilibrium of the candidates: their hat forces, the nodes that these load, the nodal forces; found?
+    def _balance(self, near: Indices, pose: Pose, free: Array) -> tuple[Array, Array, Array, bool]:
+        """Equilibrium of the candidates: their hat forces, the response's rows of the nodes that these load, the nodal
+        forces; found?
 
         Pressure and friction are solved in turn, each exactly for the other, until they agree.
         """
@@ -213,7 +214,8 @@ class ContactSolver:
         nodes = np.unique(columns.indices)
         shares = sp.csr_matrix(columns[nodes])
         dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
-        local = self.response.rows(nodes)[:, dofs]
+        rows = self.response.rows(nodes)
+        local = rows[:, dofs]
         spread = sp.kron(shares, sp.identity(3), format="csr")
         c = np.asarray(spread.T @ (spread.T @ local).T).reshape(len(near), 3, len(near), 3)
         target = shares.T @ (self._target - free)[nodes]
@@ -259,7 +261,7 @@ class ContactSolver:
         self._normal[near] = frame[:, 2]
         force = np.einsum("iab,ia->ib", frame, np.column_stack([shear, -pressure]))
         force[pressure < RESIDUE * pressure.max()] = 0.0
-        return force, nodes, np.asarray(shares @ force), is_found
+        return force, rows, np.asarray(shares @ force), is_found
 
 
 def advance_together(solvers: Sequence[ContactSolver], poses: Sequence[Pose], duration_s: float = 0.0) -> None:

@@ -119,11 +119,14 @@ def eliminate(q: sp.csr_matrix, layers: list[list[list[sp.csr_matrix]]]) -> Arra
     """
     below: Array | None = None
     for planes in layers:
-        k = [[(q.T @ m @ q).tocsr() for m in row] for row in planes]
-        middle, top, coupling = k[1][1].toarray(), k[2][2].toarray(), k[2][1].toarray()
+
+        def between(a: int, b: int, planes: list[list[sp.csr_matrix]] = planes) -> sp.csr_matrix:
+            return (q.T @ planes[a][b] @ q).tocsr()
+
+        middle, top, coupling = between(1, 1).toarray(), between(2, 2).toarray(), between(2, 1).toarray()
         if below is not None:  # eliminate the bottom plane; in the first layer it is bonded
-            inverse = spd_inverse(k[0][0].toarray() + below)
-            to_middle, to_top = k[1][0], k[2][0]
+            inverse = spd_inverse(between(0, 0).toarray() + below).T  # symmetric: as rows, which products read
+            to_middle, to_top = between(1, 0), between(2, 0)
             half = (to_middle @ inverse).T  # inverse @ K_bm
             middle -= to_middle @ half
             coupling -= to_top @ half

@@ -22,7 +22,7 @@ from ruffini.estimators.skin.log import pictured_presses, untouched_of, whole
 from ruffini.estimators.skin.openings import lattice_mm
 from ruffini.estimators.skin.presses import TOUCHED_N
 from ruffini.estimators.skin.report import skin_report_of, write_skin_page
-from ruffini.estimators.skin.response import TIMES_S, Layout, layout_of, relaxed
+from ruffini.estimators.skin.response import Layout, Memory, layout_of
 from ruffini.estimators.skin.rubber import pyramid_force
 from ruffini.estimators.table import applying
 from ruffini.rig.log_file import Log, TouchRecord, read_log, write_log
@@ -51,7 +51,7 @@ def touch(
     u = way[:, None] * np.exp(-off[:, 0] / 8 - off[:, 1] / 15)
     each = SCALE * (pyramid_force(A * u + B) - pyramid_force(np.array(B)))
     total = np.where(u > 0.02, each, 0).sum(axis=1)
-    force = total - sum(g * relaxed(total, time_s, tau) for g, tau in zip(PARTS, TIMES_S, strict=True))
+    force = total - np.array(PARTS) @ Memory.of([time_s]).of_load(total)
     host_s, none = 100.0 + 5 * number + time_s, np.full((len(time_s), 6), np.nan)
     reference = none.copy()
     reference[:, 2] = -gain * force

@@ -16,7 +16,7 @@ from ruffini.estimators.skin.openings import TubeView, find_openings, fit_view, 
 from ruffini.estimators.skin.places import errors, fit_places
 from ruffini.estimators.skin.presses import Press, inward, out_of
 from ruffini.estimators.skin.reach import fit_reach, stands_out, unexplained
-from ruffini.estimators.skin.response import TIMES_S, Layout, fit_force, layout_of, relaxed
+from ruffini.estimators.skin.response import TIMES_S, Layout, Memory, fit_force, layout_of
 from ruffini.estimators.skin.rubber import pyramid_force
 
 BOARD = next(b for b in map(find_board, ("eltac",)) if b.skin is not None)
@@ -34,7 +34,7 @@ def press(place: npt.NDArray[np.float64], strength: float, rng: np.random.Genera
     u = way[:, None] * np.exp(-off[:, 0] / 8 - off[:, 1] / 15)
     each = SCALE * (pyramid_force(A * u + B) - pyramid_force(np.array(B)))
     total = np.where(u > 0.02, each, 0).sum(axis=1)
-    force = total - sum(g * relaxed(total, time_s, tau) for g, tau in zip(PARTS, TIMES_S, strict=True))
+    force = total - np.array(PARTS) @ Memory.of([time_s]).of_load(total)
     ratio = np.expm1(u) + rng.normal(0, 0.003, u.shape)
     return Press("made", time_s, force, place, ratio)
 
@@ -68,6 +68,21 @@ def test_openings_are_found_and_those_in_the_wrong_place_refused() -> None:
     assert openings.n_patches > 10
     with pytest.raises(InputError, match="openings"):
         find_openings(BOARD, picture, guess + 300)
+
+
+def test_each_press_remembers_from_its_own_first_frame() -> None:
+    rng = np.random.default_rng(4)
+    times_s = [np.cumsum(rng.uniform(0.02, 0.05, n)) for n in (7, 3, 5)]
+    load = rng.uniform(0, 5, 15)
+    found, row = Memory.of(times_s).of_load(load), 0
+    for time_s in times_s:
+        h = np.zeros(4)
+        assert (found[:, row] == 0).all()
+        for i in range(1, len(time_s)):
+            mean = (load[row + i] + load[row + i - 1]) / 2
+            h = mean + (h - mean) * np.exp(-(time_s[i] - time_s[i - 1]) / np.array(TIMES_S))
+            assert found[:, row + i] == pytest.approx(h)
+        row += len(time_s)
 
 
 def test_force_and_place_of_presses_that_were_not_fitted() -> None:

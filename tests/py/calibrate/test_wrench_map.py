@@ -367,3 +367,6 @@ def test_memories_follow_their_equation() -> None:
     h = memories(held, frames)
     after = int(0.3 * RATE_HZ)
     assert h[0, after, 0] == pytest.approx(1 - np.exp(-1), abs=0.06)
+    both = frames_of([runs[0], replace(runs[0], features=2 * runs[0].features)], 0.0)
+    joined = memories(np.concatenate([held, 2 * held]), both)
+    assert joined == pytest.approx(np.concatenate([h, 2 * h], axis=1)), "each recording starts from rest"

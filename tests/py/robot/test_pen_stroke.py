@@ -19,11 +19,12 @@ sys.path.insert(0, str(Path(__file__).parents[3] / "host" / "examples" / "robot"
 
 @pytest.fixture
 def pen(calibrations, monkeypatch):
-    """The example with a short stroke."""
+    """The example with a short stroke, and half of the frames before it."""
     import pen_stroke
 
     monkeypatch.setattr("ruffini.robot.world.default_calibration", lambda board: calibrations[board.name])
-    monkeypatch.setattr(pen_stroke, "STROKE", 90)
+    for name, frames in (("AIR", 20), ("SETTLE", 20), ("STROKE", 90)):
+        monkeypatch.setattr(pen_stroke, name, frames)
     return pen_stroke
 
 

@@ -17,18 +17,16 @@ MM = 1e-3
 
 @pytest.fixture(scope="module")
 def rock():
-    model = PadModel(6 * MM, 6 * MM, 1 * MM, 1e10, 0.3, 16, 16, layers=(0.5, 0.5))
-    return model, kept(surface_compliance, model)
+    return PadModel(6 * MM, 6 * MM, 1 * MM, 1e10, 0.3, 16, 16, layers=(0.5, 0.5))
 
 
 @pytest.fixture(scope="module")
 def pad():
-    model = PadModel(14 * MM, 12 * MM, 4 * MM, 2e5, 0.48, 16, 14, layers=(0.2, 0.3, 0.5))
-    return model, kept(surface_compliance, model)
+    return PadModel(14 * MM, 12 * MM, 4 * MM, 2e5, 0.48, 16, 14, layers=(0.2, 0.3, 0.5))
 
 
-def solved(model, compliance, indenter, poses, friction):
-    solver = ContactSolver(model, compliance, indenter, friction)
+def solved(model, indenter, poses, friction):
+    solver = ContactSolver(model, kept(surface_compliance, model), indenter, friction)
     for pose in poses:
         solver.advance(pose)
     return solver.hat_force, solver.nodal_force
@@ -36,8 +34,8 @@ def solved(model, compliance, indenter, poses, friction):
 
 def load(pad, indenter, *poses, friction=0.0):
     """Nodal force under the indenter, and its wrench."""
-    hat_force, nodal_force = kept(solved, *pad, indenter, poses, friction)
-    return hat_force, wrench_of(pad[0], nodal_force)
+    hat_force, nodal_force = kept(solved, pad, indenter, poses, friction)
+    return hat_force, wrench_of(pad, nodal_force)
 
 
 def test_any_brick_is_the_pads_brick():
@@ -89,7 +87,7 @@ def test_softer_indenters_press_less_and_wider(pad):
 
 
 def test_a_rigid_core_carries_the_load(pad):
-    x, y = np.meshgrid(pad[0].node_x(), pad[0].node_y())
+    x, y = np.meshgrid(pad.node_x(), pad.node_y())
     inner = (np.hypot(x, y) < 1 * MM).ravel()
     shares, loads = [], []
     for material in (Material(1e5), Material(1e5, core_part=0.5), Material(1e5, core_part=0.5, skin_part=0.3)):

@@ -72,9 +72,7 @@ class Predictor:
         self.misfit = np.empty((3, 3, len(u)))
         for i, poisson in enumerate(self.poisson):
             for j, thickness in enumerate(self.thickness):
-                system = support_system(
-                    condense(replace(slab, poisson=poisson, thickness_m=thickness)), noise, observed, operator
-                )
+                system = system_of(replace(slab, poisson=poisson, thickness_m=thickness), noise, observed, operator)
                 self.at_grid[i, j], self.misfit[i, j] = _wrenches(system, u, linear, masks, arms)
                 progress((3 * i + j + 1) / 9)
 
@@ -90,6 +88,11 @@ class Predictor:
         along_h = _lagrange(self.thickness, values[2])
         per_modulus = np.einsum("i,j,ijtc->tc", along_nu, along_h, self.at_grid) / self.nominal[0]
         return np.asarray(per_modulus * values[0])
+
+
+def system_of(slab: Slab, noise: Noise, observed: npt.NDArray[np.bool_], operator: Array) -> SupportSystem:
+    """The board's second pass for a pad, from the estimate of `operator`."""
+    return support_system(condense(slab), noise, observed, operator)
 
 
 class Shape:

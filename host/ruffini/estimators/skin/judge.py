@@ -12,7 +12,7 @@ from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.gates import HARD_N, Gate, part
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
-from ruffini.estimators.skin.log import PicturedPress, pictured_presses, read_skin_log
+from ruffini.estimators.skin.log import PicturedPress, pictured_presses, read_skin_log, whole
 from ruffini.estimators.skin.presses import TOUCHED_N, Progress
 
 Array = npt.NDArray[np.float64]
@@ -52,13 +52,14 @@ def judged_presses(
 
 def _judged(pipeline: Pipeline, board: Board, press: PicturedPress, number: int) -> list[Array]:
     start_s = APART_S * (number + 1) - press.time_s[0]
-    rest = press.pictures[press.n_rest - 1]
+    pictures = [whole(picture, press.step_px, board) for picture in press.pictures[press.n_rest - 1 :]]
+    rest = pictures[0]
     pipeline.set_rest(rest)
     pipeline.process(rest, start_s + press.time_s[press.n_rest - 1] - 1e-3)
     pipeline.process(rest, start_s + press.touched_s)
     rows = []
     after = slice(press.n_rest, None)
-    for picture, time_s, force_n in zip(press.pictures[after], press.time_s[after], press.force_n[after], strict=True):
+    for picture, time_s, force_n in zip(pictures[1:], press.time_s[after], press.force_n[after], strict=True):
         pipeline.process(picture, start_s + time_s)
         touches = pipeline.touches()
         if force_n > TOUCHED_N:

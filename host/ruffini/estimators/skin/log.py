@@ -29,11 +29,13 @@ Picture = npt.NDArray[np.uint8]
 class PicturedPress(NamedTuple):
     """One touch: pictures (t, h, w, 3), the first `n_rest` untouched; time (t,) s, force (t,) N into the skin.
 
-    touched_s : when the tip touched; place (2,) mm of the unrolled skin.
+    pictures : as the log keeps them, of each `step_px`-th pixel (`whole`); touched_s : when the tip touched; place (2,)
+        mm of the unrolled skin.
     """
 
     name: str
-    pictures: list[Picture]
+    pictures: Picture
+    step_px: int
     n_rest: int
     time_s: Array
     force_n: Array
@@ -63,9 +65,8 @@ def pictured_presses(log: Log, name: str, board: Board) -> Iterator[PicturedPres
         touched_s = float(touch.facts.get("touched_host_s", -np.inf))
         n_rest = int(np.clip((time_s < touched_s).sum(), 1, n_light)) if np.isfinite(touched_s) else n_light
         step_px = int(touch.facts.get("image_step_px", 1))
-        pictures = [whole(picture, step_px, board) for picture in a["image"]]
         touched_s = min(max(touched_s, time_s[n_rest - 1]), time_s[n_rest])
-        yield PicturedPress(f"{name}/{number}", pictures, n_rest, time_s, into_n, touched_s, place_mm)
+        yield PicturedPress(f"{name}/{number}", a["image"], step_px, n_rest, time_s, into_n, touched_s, place_mm)
 
 
 def log_presses(
@@ -80,7 +81,8 @@ def log_presses(
     """
     skin, out = skin_of(board), []
     for one in pictured_presses(log, name, board):
-        light = np.array([openings.light(weighted(picture, skin)) for picture in one.pictures])
+        wholes = (whole(picture, one.step_px, board) for picture in one.pictures)
+        light = np.array([openings.light(weighted(picture, skin)) for picture in wholes])
         ratio, n = ratio_of(light, one.n_rest), one.n_rest
         rows = (one.time_s, one.force_n, ratio)
         time_s, force, ratio = (
@@ -107,7 +109,7 @@ def untouched_of(log: Log, name: str, board: Board) -> Array:
     total, n = np.zeros((board.camera.height_px, board.camera.width_px, 3)), 0
     for one in pictured_presses(log, name, board):
         for picture in one.pictures[: one.n_rest]:
-            total += picture
+            total += whole(picture, one.step_px, board)
             n += 1
     if not n:
         raise InputError(f"{name} holds no pictures of a press: collect the log again with `ruffini cal collect`")

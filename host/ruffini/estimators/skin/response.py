@@ -135,14 +135,26 @@ class ForceFit:
 
     def press(self, u: Array) -> Array:
         """P(u), N."""
-        raised = pyramid_force(self.sink * np.maximum(u, 0.0) + self.hug)
-        return np.asarray(self.scale * (raised - pyramid_force(np.array(self.hug))))
+        return np.asarray(self.scale * self._raised(np.maximum(u, 0.0)))
+
+    def _raised(self, u: Array) -> Array:
+        """P(u) / p of u >= 0."""
+        return np.asarray(pyramid_force(self.sink * u + self.hug) - pyramid_force(np.array(self.hug)))
+
+    def rise(self, u: Array) -> Array:
+        """P(u) / p of touched taxels, 0 of the others."""
+        out, touched = np.zeros_like(u), u >= FLOOR
+        out[touched] = self._raised(u[touched])
+        return out
 
     def elastic(self, u: Array, time_s: Array) -> Array:
         """E of every frame, (t,) N."""
-        total = np.where(u >= FLOOR, self.press(u), 0.0).sum(axis=1)
-        lost = [g * relaxed(total, time_s, tau) for g, tau in zip(self.parts, TIMES_S, strict=True)]
-        return np.asarray(total - np.sum(lost, axis=0))
+        return self.elastic_of(self.rise(u), Memory.of([time_s]))
+
+    def elastic_of(self, rise: Array, memory: Memory) -> Array:
+        """The same of several presses, one after the other."""
+        total = (self.scale * rise).sum(axis=1)
+        return np.asarray(total - (self.parts[:, None] * memory.of_load(total)).sum(axis=0))
 
     def force(self, press: Press, layout: Layout) -> Array:
         """Estimate of every frame of a press with one touch, (t,) N."""
@@ -151,14 +163,31 @@ class ForceFit:
         return np.asarray(elastic * self.gain.at(gain_kinds(layout)[at.taxel], elastic, at.q))
 
 
-def relaxed(load: Array, time_s: Array, tau: float) -> Array:
-    """h of every frame as the firmware steps it, (t, ...)."""
-    out, state = np.zeros_like(load), np.zeros_like(load[0])
-    for i in range(1, len(load)):
-        part = -np.expm1(-(time_s[i] - time_s[i - 1]) / tau)
-        state = state + part * ((load[i] + load[i - 1]) / 2 - state)
-        out[i] = state
-    return out
+@dataclass(frozen=True)
+class Memory:
+    """What presses, one after the other, remember: each frame's `part` (terms, t); presses begin at `first`, last `n`
+    frames.
+    """
+
+    part: Array
+    first: Numbers
+    n: Numbers
+
+    @classmethod
+    def of(cls, times_s: list[Array]) -> Memory:
+        """Of presses with these times of their frames."""
+        step_s = np.concatenate([np.diff(time_s, prepend=time_s[0]) for time_s in times_s])
+        n = np.array([len(time_s) for time_s in times_s])
+        return cls(-np.expm1(-step_s / np.array(TIMES_S)[:, None]), np.cumsum(n) - n, n)
+
+    def of_load(self, load: Array) -> Array:
+        """h of every frame (terms, t) as the firmware steps it, from zero in every press."""
+        out = np.zeros_like(self.part)
+        for i in range(1, self.n.max()):  # all presses at once
+            now = self.first[self.n > i] + i
+            before = out[:, now - 1]
+            out[:, now] = before + self.part[:, now] * ((load[now] + load[now - 1]) / 2 - before)
+        return out
 
 
 def fit_force(presses: list[Press], layout: Layout, like: ForceFit | None = None) -> ForceFit:
@@ -170,31 +199,31 @@ def fit_force(presses: list[Press], layout: Layout, like: ForceFit | None = None
     at = [peaks(u, layout) for u in u_of]
     kind, q = gain_kinds(layout)[np.concatenate([a.taxel for a in at])], np.concatenate([a.q for a in at])
     number = np.repeat(np.arange(len(presses)), [len(p.force_n) for p in presses])
+    u, memory = np.concatenate(u_of), Memory.of([p.time_s for p in presses])
     soft = (force > FORCE_N[0]) & (force < SOFT_N)
     if not soft.any():
         raise InputError(f"no press is between {FORCE_N[0]:g} and {SOFT_N:g} N: the skin's rubber cannot be fitted")
     if (soft & (kind < COLUMNS)).any():  # a rim bears a part of its own
         soft &= kind < COLUMNS
 
-    def estimate(fit: ForceFit) -> Array:
-        return np.concatenate([fit.elastic(u, p.time_s) for u, p in zip(u_of, presses, strict=True)])
-
-    def made(v: Array) -> ForceFit:
+    def made(v: Array) -> tuple[ForceFit, Array]:
+        """A fit, and E of every frame by it."""
         fit = ForceFit(1.0, float(np.exp(v[0])), float(np.exp(v[1])), np.clip(v[2:], 0, 0.4), no_gain())
-        part = estimate(fit)
-        return replace(fit, scale=1 / max(float(np.median(part[soft] / force[soft])), 1e-9))
+        rise = fit.rise(u)
+        part = fit.elastic_of(rise, memory)
+        fit = replace(fit, scale=1 / max(float(np.median(part[soft] / force[soft])), 1e-9))
+        return fit, fit.elastic_of(rise, memory)
 
     start = np.array([*np.log(START[:2]), *START[2:]])
 
     def wrong(v: Array) -> float:
-        off = (estimate(made(v))[soft] - force[soft]) / force[soft]
+        off = (made(v)[1][soft] - force[soft]) / force[soft]
         outside = float(np.sum((v[2:] - np.clip(v[2:], 0, 0.4)) ** 2))
         return float(np.mean(np.minimum(off**2, ODD**2))) + outside + 1e-3 * float(np.sum((v - start) ** 2))
 
     begin = start if like is None else np.array([np.log(like.sink), np.log(like.hug), *like.parts])
     rounds = SEARCH_ROUNDS if like is None else SEARCH_ROUNDS // 5
     best = minimize(wrong, begin, method="Nelder-Mead", options={"maxiter": rounds, "adaptive": True})
-    fit = made(best.x)
-    elastic = estimate(fit)
+    fit, elastic = made(best.x)
     used = (force > GAIN_N[0]) & (force < GAIN_N[1]) & (elastic > 0)
     return replace(fit, gain=fit_gain(kind[used], elastic[used], q[used], force[used], number[used]))

@@ -29,6 +29,7 @@ from ruffini.estimators.wrench.model import (
     products,
     ranges_of,
     recordings_of,
+    wrench_at,
 )
 from ruffini.estimators.wrench.rest import rest_gate
 from ruffini.estimators.wrench.terms import (
@@ -395,7 +396,7 @@ def _lag(runs: list[FeatureRun], has_memory: bool) -> float:
     seen = frames_of(runs, 0.0)
     scaled = seen.features / np.maximum(np.sqrt((seen.features**2).mean(axis=0)), 1e-9)
     features = np.concatenate([scaled, *memories(scaled, seen)], axis=1) if has_memory else scaled
-    wrench = np.concatenate([frames_of(runs, float(lag)).wrench for lag in LAGS_S], axis=1)
+    wrench = wrench_at(runs, LAGS_S)
     error = features @ solve(features, wrench, LEAST_RIDGE).T - wrench
     misfit = (rms(error) ** 2 / np.maximum(wrench.var(axis=0), 1e-12)).reshape(len(LAGS_S), 6).sum(axis=1)
     best = int(np.argmin(misfit))

@@ -70,6 +70,12 @@ def frames_of(runs: list[FeatureRun], lag_s: float) -> Frames:
     )
 
 
+def wrench_at(runs: list[FeatureRun], lags_s: Array) -> Array:
+    """Reference of the good frames at each lag, (t, 6 lags): all axes at the first lag, then at the next."""
+    parts = [run.at_each(lags_s)[run.is_good] * TO_NMM for run in runs]
+    return np.concatenate([part.reshape(len(part), -1) for part in parts])
+
+
 def recordings_of(runs: list[FeatureRun]) -> list[int]:
     """Number of each run's recording."""
     names = list(dict.fromkeys(run.recording or f"{i}" for i, run in enumerate(runs)))
@@ -150,16 +156,14 @@ def products(u: Array) -> Array:
 def memories(elastic: Array, frames: Frames) -> Array:
     """h of each term (terms, t, k): tau dh/dt = elastic - h, from zero in every recording."""
     out = np.zeros((len(TIMES_S), *elastic.shape))
-    for k, tau in enumerate(TIMES_S):
-        h = before = np.zeros(elastic.shape[1])
-        for t in range(len(elastic)):
-            if t == 0 or frames.run[t] != frames.run[t - 1]:
-                h = before = np.zeros(elastic.shape[1])
-            else:
-                step = 1 - np.exp(-(frames.time_s[t] - frames.time_s[t - 1]) / tau)
-                h = h + step * ((elastic[t] + before) / 2 - h)
-            before = elastic[t]
-            out[k, t] = h
+    step = np.zeros((len(TIMES_S), len(elastic), 1))
+    step[:, 1:, 0] = 1 - np.exp(-np.diff(frames.time_s) / np.array(TIMES_S)[:, None])
+    first = np.flatnonzero(np.diff(frames.run, prepend=-1))
+    length = np.diff(first, append=len(elastic))
+    for t in range(1, length.max(initial=0)):  # all recordings at once
+        now = first[length > t] + t
+        before = out[:, now - 1]
+        out[:, now] = before + step[:, now] * ((elastic[now] + elastic[now - 1]) / 2 - before)
     return out
 
 

@@ -40,5 +40,9 @@ class FeatureRun:
 
     def at(self, lag_s: float) -> Array:
         """Reference of each frame (t, 6) where it is read `lag_s` after what the camera sees."""
-        when = self.time_s + lag_s
-        return np.stack([np.interp(when, self.reference_s, column) for column in self.reference.T], axis=1)
+        return self.at_each(np.array([lag_s]))[:, 0]
+
+    def at_each(self, lags_s: Array) -> Array:
+        """The same at each lag, (t, lags, 6)."""
+        when = self.time_s[:, None] + lags_s
+        return np.stack([np.interp(when, self.reference_s, column) for column in self.reference.T], axis=2)

@@ -19,6 +19,16 @@ from ruffini.sim.optics.settings import ShapeSettings
 Floats = npt.NDArray[np.float32]
 
 
+def by_component(vectors: Floats) -> Floats:
+    """The same vectors (..., n) with each component contiguous in memory, which makes arithmetic by component fast."""
+    return np.moveaxis(np.ascontiguousarray(np.moveaxis(vectors, -1, 0)), 0, -1)
+
+
+def dot(p: Floats, q: Floats) -> Floats:
+    """Scalar products of vectors (..., 3)."""
+    return np.asarray(p[..., 0] * q[..., 0] + p[..., 1] * q[..., 1] + p[..., 2] * q[..., 2])
+
+
 class Chart(Protocol):
     """One kind of surface."""
 
@@ -37,7 +47,7 @@ class Plane:
     """z = 0; a = x, b = y."""
 
     def points(self, a: Floats, b: Floats) -> Floats:
-        return np.stack([a, b, np.zeros_like(a)], axis=-1)
+        return np.moveaxis(np.stack([a, b, np.zeros_like(a)]), 0, -1)
 
     def intersect(self, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
         t = -origin[..., 2] / direction[..., 2]

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.sim.optics.camera import View
-from ruffini.sim.optics.charts import Floats, chart_of
+from ruffini.sim.optics.charts import Floats, by_component, chart_of, dot
 from ruffini.sim.optics.conditions import Conditions, TrayPose
 from ruffini.sim.optics.lights import rgb_leds, white_ring
 from ruffini.sim.optics.lights.electroluminescent import Openings
@@ -114,7 +114,7 @@ class Renderer:
         index = twin.gel.index_1e3 * 1e-3 if twin.gel else 1.0
         for settings in wanted:
             view = View(self.board, settings, twin.lens, len(wanted), index, self._wall())
-            origin, direction = (r.astype(np.float32) for r in view.rays())
+            origin, direction = (by_component(r.astype(np.float32)) for r in view.rays())
             v, u = np.mgrid[: view.height_px, : view.width_px]
             radius2 = (u - view.width_px / 2 + 0.5) ** 2 + (v - view.height_px / 2 + 0.5) ** 2
             vignette = 1 - twin.light.vignette_1e3 * 1e-3 * radius2 / radius2.max()
@@ -169,8 +169,11 @@ class Renderer:
             states = [previous_m + part * (displacement_m - previous_m) for part in parts]
         else:
             states = [displacement_m]
-        light = sum(self._light(state, time_s, conditions, tray) for state in states) / np.float32(len(states))
-        light = np.asarray(light * self._dust * np.float32(conditions.exposure), dtype=np.float32)
+        light = self._light(states[0], time_s, conditions, tray)
+        if len(states) > 1:
+            light = sum((self._light(state, time_s, conditions, tray) for state in states[1:]), light)
+            light = light / np.float32(len(states))
+        light = np.ascontiguousarray(light * self._dust * np.float32(conditions.exposure), dtype=np.float32)
         return self._sensor.expose(np.zeros_like(light) if conditions.is_capped else light, rng)
 
     def depth_mm(self, displacement_m: Array) -> Array:
@@ -208,7 +211,8 @@ class Renderer:
             return self._spoilt(np.zeros((*hits.a.shape, 3), np.float32), hits, conditions)
         gains = self._lamp_gain(time_s, conditions)
         light = self._direct(seen, deformed, hits, gains, lamps)
-        light = (light + np.float32(self._ambient)) * (seen.vignette * np.float32(self._gain))
+        light += np.float32(self._ambient)
+        light *= seen.vignette * np.float32(self._gain)
         if seen.openings is None:
             light *= self._lit(hits)[..., None]
         light = self._patterned(light, deformed, hits, direction, lamps)
@@ -248,10 +252,10 @@ class Renderer:
             diameter_um = self.board.markers.diameter_um
             light = light * dots.transmission(self.twin.dots, self._lattice, diameter_um, hits)[..., None]
         if self._glitter is not None:
-            to_camera = -direction / np.sqrt(np.einsum("...i,...i", direction, direction))[..., None]
+            to_camera = -direction / np.sqrt(dot(direction, direction))[..., None]
             to_lamps = lamps[: self._n_lamps].mean(axis=0) - hits.point
-            half_way = to_camera + to_lamps / np.sqrt(np.einsum("...i,...i", to_lamps, to_lamps))[..., None]
-            half_way /= np.sqrt(np.einsum("...i,...i", half_way, half_way))[..., None]
+            half_way = to_camera + to_lamps / np.sqrt(dot(to_lamps, to_lamps))[..., None]
+            half_way /= np.sqrt(dot(half_way, half_way))[..., None]
             light = self._glitter.add(light, deformed, hits, half_way)
         return light
 

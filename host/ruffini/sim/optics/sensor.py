@@ -38,9 +38,12 @@ class ImageSensor:
         return self._compress(picture) if self.settings.jpeg_quality else picture
 
     def _digitise(self, light: Floats, rng: np.random.Generator) -> Picture:
-        sigma = np.sqrt(np.float32((self.noise.read_1e3 * 1e-3) ** 2) + np.float32(self.noise.shot_1e3 * 1e-3) * light)
-        noisy = light + sigma * rng.standard_normal(light.shape, dtype=np.float32)
-        return np.asarray(np.clip(np.round(noisy), 0, 255), dtype=np.uint8)
+        sigma = np.float32(self.noise.shot_1e3 * 1e-3) * light
+        sigma += np.float32((self.noise.read_1e3 * 1e-3) ** 2)
+        noisy = rng.standard_normal(light.shape, dtype=np.float32)
+        noisy *= np.sqrt(sigma, out=sigma)
+        noisy += light
+        return np.asarray(np.clip(np.rint(noisy, out=noisy), 0, 255, out=noisy), dtype=np.uint8)
 
     def _mosaic(self, light: Floats, rng: np.random.Generator) -> Picture:
         """One colour a pixel, rows R G / G B, then bilinear interpolation of the others."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ruffini.sim.optics.charts import Floats
+from ruffini.sim.optics.charts import Floats, by_component, dot
 from ruffini.sim.optics.patterns.lattice import Lattice
 from ruffini.sim.optics.settings import Electroluminescent
 from ruffini.sim.optics.surface import DeformedSurface, Hits
@@ -31,13 +31,14 @@ class Openings:
         cover = np.clip(inside / (light.blur_um * 1e-3) + 0.5, 0, 1) * rest.is_inside
         leak = light.leak_1e3 * 1e-3
         self.cover = np.asarray(leak * rest.is_inside + (1 - leak) * cover, dtype=np.float32)
-        self._tinted_cover = self.cover[..., None] * np.array(light.tint_1e3, dtype=np.float32) * np.float32(1e-3)
+        tint = np.array(light.tint_1e3, dtype=np.float32)
+        self._tinted_cover = by_component(self.cover[..., None] * tint * np.float32(1e-3))
 
     def shade(self, surface: DeformedSurface, lamp_gain: Floats) -> Floats:
         """Light of the openings, (h, w, 3) B G R."""
         a, b = self._bases
         normal, u = surface.look(surface.inward, a, b), surface.look(surface.displacement, a, b)
-        inward_mm = np.einsum("...i,...i", u, normal) / np.linalg.norm(normal, axis=-1)
+        inward_mm = dot(u, normal) / np.linalg.norm(normal, axis=-1)
         through = np.exp(np.maximum(inward_mm, 0) / np.float32(self._light.attenuation_um * 1e-3))
         brighter = lamp_gain[0] * through.mean(axis=0)
         return np.asarray(self._tinted_cover * brighter.astype(np.float32)[self._opening][..., None])

@@ -22,7 +22,7 @@ def shade(light: RgbLeds, hits: Hits, gain: Floats, place_mm: Floats, lamp_of: n
             single[i] += np.float32(light.power_1e3[i] * 1e-3 * part_gain) * lamp(hits, place)
     leak = np.float32(light.crosstalk_1e3 * 1e-3)
     total = leak * (single[0] + single[1] + single[2])
-    return np.stack([(1 - 3 * leak) * s + total for s in single], axis=-1)
+    return np.moveaxis(np.stack([(1 - 3 * leak) * s + total for s in single]), 0, -1)
 
 
 def places(light: RgbLeds) -> Floats:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ruffini.sim.optics.charts import Floats
+from ruffini.sim.optics.charts import Floats, dot
 from ruffini.sim.optics.lights.lamps import lamp
 from ruffini.sim.optics.settings import WhiteRing
 from ruffini.sim.optics.surface import Hits
@@ -26,9 +26,10 @@ def shade(light: WhiteRing, hits: Hits, lamp_gain: Floats, place_mm: Floats) -> 
         if gain > 0:
             total += np.float32(gain) * lamp(hits, place)
     if light.darkening_um:
-        inward_mm = np.einsum("...i,...i", hits.displacement, hits.normal)
+        inward_mm = dot(hits.displacement, hits.normal)
         total *= np.exp(-inward_mm / np.float32(light.darkening_um * 1e-3))
-    return total[..., None] * np.array(light.tint_1e3, dtype=np.float32) * np.float32(1e-3)
+    tint = np.array(light.tint_1e3, dtype=np.float32)
+    return np.moveaxis(np.stack([total * t * np.float32(1e-3) for t in tint]), 0, -1)
 
 
 def places(light: WhiteRing) -> Floats:
