@@ -44,7 +44,8 @@ int Blobs::join(int a, int b) {
   return a;
 }
 
-// Adds the pixels [from, to) of row y, none of them zero, to the components above them, which it joins, or to a new one.
+// Adds the pixels [from, to) of row y, none of them zero, to the components above them, which it joins, or to a new
+// one.
 void Blobs::add_run(const int16_t* weight, int y, int from, int to) {
   int label = -1;
   int last_above = -1;
@@ -77,6 +78,11 @@ void Blobs::add_run(const int16_t* weight, int y, int from, int to) {
   blob.weight_y += sum * y;
 }
 
+void Blobs::pass_over() {
+  if (is_labelled_) std::fill(label_.begin(), label_.end(), -1);
+  is_labelled_ = false;
+}
+
 void Blobs::add(std::span<const int16_t> weight, int y) {
   const auto are_zero = [&](size_t at) {
     uint64_t several[2];
@@ -86,8 +92,7 @@ void Blobs::add(std::span<const int16_t> weight, int y) {
   bool is_zero = true;
   for (size_t at = 0; at < label_.size() && is_zero; at += kZeroRun) is_zero = are_zero(at);
   if (is_zero) {  // most rows are, and follow another one
-    if (is_labelled_) std::fill(label_.begin(), label_.end(), -1);
-    is_labelled_ = false;
+    pass_over();
     return;
   }
   is_labelled_ = true;

@@ -33,6 +33,8 @@ class Blobs {
   void start();
   // Adds one row of row() weights; rows come from top to bottom, and values beyond the width must be zero.
   void add(std::span<const int16_t> weight, int y);
+  // Adds rows in which every weight is zero.
+  void pass_over();
   // Length of a row passed to add(): the width, rounded up.
   [[nodiscard]] size_t row() const { return label_.size(); }
   // All components created so far. Those whose parent is another component were merged into it.

@@ -4,6 +4,7 @@
 #include <bit>
 
 #include "base/fixed.h"
+#include "image/kernels.h"
 
 namespace ruffini {
 namespace {
@@ -30,31 +31,35 @@ void free_of(const std::vector<int64_t>& base, std::vector<int64_t>& from) {
   for (size_t i = 0; i < from.size(); ++i) from[i] -= round_shift(base[i] * share_q16, 16);
 }
 
-int64_t between(int64_t a, int64_t b, int64_t share_q15) { return a + round_shift((b - a) * share_q15, 15); }
-
 }  // namespace
 
-DotTemplates::DotTemplates(const BoardSettings& board)
-    : width_px_(board.camera.width_px), height_px_(board.camera.height_px) {
+DotTemplates::DotTemplates(const BoardSettings& board) : DotTemplates(board, kernels::fastest_supported().dot_sums) {}
+
+DotTemplates::DotTemplates(const BoardSettings& board, DotSumsRun version)
+    : width_px_(board.camera.width_px), height_px_(board.camera.height_px), run_(version) {
   const int64_t radius_q16 =
       floor_div(board.markers.diameter_um * board.camera.focal_mpx * 32'768, board.camera.standoff_um * 1'000);
   // 1.5 px more, rounded to the nearest whole number
   radius_px_ = static_cast<int>((radius_q16 + 2 * 65'536) >> 16);
   if (radius_px_ > kMaxRadiusPx) radius_px_ = 0;
+  const int side = 2 * radius_px_ + 2;
+  keep_.resize(
+      static_cast<size_t>(((side - 1) * side + DotWindow::kLanes - 1) / DotWindow::kLanes * DotWindow::kLanes));
   for (int y = -radius_px_; y <= radius_px_ && radius_px_ > 0; ++y) {
     for (int x = -radius_px_; x <= radius_px_; ++x) {
-      if (x * x + y * y <= radius_px_ * (radius_px_ + 1)) pixels_.push_back({x, y});
+      if (x * x + y * y > radius_px_ * (radius_px_ + 1)) continue;
+      pixels_.push_back({x, y, static_cast<size_t>((y + radius_px_) * side + x + radius_px_)});
+      keep_[pixels_.back().at] = -1;
     }
   }
   const size_t n = pixels_.size();
   templates_.resize(static_cast<size_t>(board.markers.lattice.count()));
-  h_.resize(templates_.size() * 2 * n);
-  t_.resize(templates_.size() * n);
+  for (auto& h : h_) h.resize(templates_.size() * keep_.size());
+  t_.resize(templates_.size() * keep_.size());
   for (Values& values : nuisance_) values.resize(n);
   free_.resize(n);
   for (Values& values : gradient_) values.resize(n);
-  const auto side = static_cast<size_t>(2 * radius_px_ + 2);
-  window_.resize(side * side);
+  window_.resize(keep_.size() + static_cast<size_t>(side) + 1);
   sample_.resize(n);
 }
 
@@ -76,7 +81,7 @@ void DotTemplates::learn_one(std::span<const uint16_t> rest, const Marker& marke
     const uint16_t* at = &rest[3 * (static_cast<size_t>(y) * static_cast<size_t>(width_px_) + static_cast<size_t>(x))];
     return std::min<int64_t>(round_shift(luma(at[0], at[1], at[2]), 10), 16 * 255);
   };
-  int32_t* t = t_.data() + n * number;
+  int16_t* t = t_.data() + first(number);
   int64_t sum = 0;
   for (size_t i = 0; i < n; ++i) {
     const int x = one.x + pixels_[i].x;
@@ -96,16 +101,15 @@ void DotTemplates::learn_one(std::span<const uint16_t> rest, const Marker& marke
   const int64_t mean = div_round(sum, std::max<int64_t>(std::ssize(pixels_), 1));
   for (size_t i = 0; i < n; ++i) {
     const int64_t above = nuisance_[1][i] = sample_[i] - mean;
-    t[i] = static_cast<int32_t>(above);
+    t[pixels_[i].at] = static_cast<int16_t>(above);
     one.tt += above * above;
     one.t_sum += above;
   }
   remove_nuisances(number);
-  const int32_t* h = h_.data() + 2 * n * number;
-  invert(one, gradient_[0], gradient_[1], h);
+  invert(one, gradient_[0], gradient_[1], number);
   for (size_t i = 0; i < n; ++i) {
-    one.s0_x += h[2 * i] * sample_[i];
-    one.s0_y += h[2 * i + 1] * sample_[i];
+    one.s0_x += h_[0][first(number) + pixels_[i].at] * sample_[i];
+    one.s0_y += h_[1][first(number) + pixels_[i].at] * sample_[i];
   }
 }
 
@@ -114,25 +118,26 @@ void DotTemplates::remove_nuisances(size_t number) {
   for (size_t k = 1; k < nuisance_.size(); ++k) {
     for (size_t j = 0; j < k; ++j) free_of(nuisance_[j], nuisance_[k]);
   }
-  int32_t* h = h_.data() + 2 * pixels_.size() * number;
   for (size_t axis = 0; axis < 2; ++axis) {
     free_ = gradient_[axis];
     for (const Values& one : nuisance_) free_of(one, free_);
     for (size_t i = 0; i < free_.size(); ++i) {
-      h[2 * i + axis] = static_cast<int32_t>(std::clamp(free_[i], -kMaxGradient, kMaxGradient));
+      h_[axis][first(number) + pixels_[i].at] = static_cast<int16_t>(std::clamp(free_[i], -kMaxGradient, kMaxGradient));
     }
   }
 }
 
 // Computes K with its own scale, so that the larger of determinant and entry keeps 30 bits.
-void DotTemplates::invert(Template& one, const Values& gx, const Values& gy, const int32_t* h) const {
+void DotTemplates::invert(Template& one, const Values& gx, const Values& gy, size_t number) const {
   const size_t n = pixels_.size();
   int64_t xx = 0, xy = 0, yx = 0, yy = 0;
   for (size_t i = 0; i < n; ++i) {
-    xx += h[2 * i] * gx[i];
-    xy += h[2 * i] * gy[i];
-    yx += h[2 * i + 1] * gx[i];
-    yy += h[2 * i + 1] * gy[i];
+    const int64_t hx = h_[0][first(number) + pixels_[i].at];
+    const int64_t hy = h_[1][first(number) + pixels_[i].at];
+    xx += hx * gx[i];
+    xy += hx * gy[i];
+    yx += hy * gx[i];
+    yy += hy * gy[i];
   }
   const int64_t det = xx * yy - xy * yx;
   if (xx <= 0 || yy <= 0 || det <= 0 || det / (xx + yy) < kMinContrast * static_cast<int64_t>(n)) return;
@@ -144,16 +149,6 @@ void DotTemplates::invert(Template& one, const Values& gx, const Values& gy, con
   if (fits) one.shift = 33 + b - 16;
 }
 
-// Reads the luma, Q4, of the window that begins at (x, y).
-void DotTemplates::read_window(const FrameView& frame, int x, int y) {
-  const int side = 2 * radius_px_ + 2;
-  int32_t* out = window_.data();
-  for (int v = 0; v < side; ++v) {
-    const uint8_t* row = frame.row(y + v) + ptrdiff_t{3} * x;
-    for (int u = 0; u < side; ++u, row += 3) *out++ = static_cast<int32_t>((luma(row[0], row[1], row[2]) + 32) >> 6);
-  }
-}
-
 void DotTemplates::refine(const FrameView& frame, std::span<Marker> markers, std::span<int64_t> error2_q16) {
   for (size_t i = 0; i < markers.size(); ++i) {
     error2_q16[i] = kCentreError2;
@@ -163,37 +158,34 @@ void DotTemplates::refine(const FrameView& frame, std::span<Marker> markers, std
 
 void DotTemplates::refine_one(const FrameView& frame, size_t number, Marker& marker, int64_t& error2_q16) {
   const Template& one = templates_[number];
-  const size_t n = pixels_.size();
-  const auto count = static_cast<int64_t>(n);
+  const auto count = static_cast<int64_t>(pixels_.size());
   const int64_t x_q16 = (int64_t{one.x - radius_px_} << 16) + marker.displacement_x.raw();
   const int64_t y_q16 = (int64_t{one.y - radius_px_} << 16) + marker.displacement_y.raw();
   const int side = 2 * radius_px_ + 2;
   const auto x = static_cast<int>(x_q16 >> 16);
   const auto y = static_cast<int>(y_q16 >> 16);
   if (x < 0 || y < 0 || x + side > width_px_ || y + side > height_px_) return;
-  read_window(frame, x, y);
-  const int64_t fx = (x_q16 & 0xFFFF) >> 1;
-  const int64_t fy = (y_q16 & 0xFFFF) >> 1;
-  const int32_t* h = h_.data() + 2 * n * number;
-  const int32_t* t = t_.data() + n * number;
-  int64_t ds_x = -one.s0_x, ds_y = -one.s0_y, sum = 0, square = 0, common = 0;
-  for (size_t i = 0; i < n; ++i) {
-    const int32_t* at = window_.data() + ptrdiff_t{pixels_[i].y + radius_px_} * side + pixels_[i].x + radius_px_;
-    const int64_t value = between(between(at[0], at[1], fx), between(at[side], at[side + 1], fx), fy);
-    ds_x += h[2 * i] * value;
-    ds_y += h[2 * i + 1] * value;
-    sum += value;
-    square += value * value;
-    common += t[i] * value;
-  }
+  const DotSums sums = run_({.pixels = frame.row(y) + ptrdiff_t{3} * x,
+                             .stride = frame.stride,
+                             .side = side,
+                             .share_x = static_cast<int16_t>((x_q16 & 0xFFFF) >> 1),
+                             .share_y = static_cast<int16_t>((y_q16 & 0xFFFF) >> 1),
+                             .n_values = static_cast<int>(keep_.size()),
+                             .h_x = h_[0].data() + first(number),
+                             .h_y = h_[1].data() + first(number),
+                             .t = t_.data() + first(number),
+                             .keep = keep_.data(),
+                             .luma = window_.data()});
+  const int64_t ds_x = sums.h_x - one.s0_x;
+  const int64_t ds_y = sums.h_y - one.s0_y;
   const auto step = [&](size_t k) {
     return std::clamp(round_shift(one.k[k] * ds_x + one.k[k + 1] * ds_y, one.shift), -kMaxStep, kMaxStep);
   };
   const int64_t step_x = step(0);
   const int64_t step_y = step(2);
   // At most 2^18 per pixel each; dropping a quarter of a squared grey level per pixel keeps all products below 2^63.
-  const int64_t spread = (square - sum * sum / count) >> 10;
-  common = (common - floor_div(sum * one.t_sum, count)) >> 10;
+  const int64_t spread = (sums.square - sums.sum * sums.sum / count) >> 10;
+  const int64_t common = (sums.common - floor_div(sums.sum * one.t_sum, count)) >> 10;
   const int64_t tt = one.tt >> 10;
   if (common <= 0 || tt <= 0 || 4 * common * common < tt * spread) {
     error2_q16 = kUnknown;

@@ -21,16 +21,19 @@
 
 #include "base/image_view.h"
 #include "board/settings.h"
+#include "image/dot_sums.h"
 #include "image/markers.h"
 
 namespace ruffini {
 
 class DotTemplates {
  public:
-  static constexpr int kMaxRadiusPx = 12;       // larger dots are measured by their weighted centre only
+  // Larger dots are measured by their weighted centre only.
+  static constexpr int kMaxRadiusPx = DotWindow::kMaxRadiusPx;
   static constexpr int64_t kUnknown = 1 << 20;  // error^2 of something that is not the dot, Q16 px
 
-  explicit DotTemplates(const BoardSettings& board);
+  DotTemplates(const BoardSettings& board, DotSumsRun version);
+  explicit DotTemplates(const BoardSettings& board);  // selects the fastest version that this processor supports
 
   // `rest`: width x height x 3 in 1/16 grey levels.
   void learn(std::span<const uint16_t> rest, std::span<const Marker> markers);
@@ -52,22 +55,26 @@ class DotTemplates {
   struct Pixel {
     int x = 0;  // relative to the centre pixel
     int y = 0;
+    size_t at = 0;  // in the window's values (dot_sums.h)
   };
   using Values = std::vector<int64_t>;
   void learn_one(std::span<const uint16_t> rest, const Marker& marker, size_t number);
-  void invert(Template& one, const Values& gx, const Values& gy, const int32_t* h) const;
+  void invert(Template& one, const Values& gx, const Values& gy, size_t number) const;
   void remove_nuisances(size_t number);
-  void read_window(const FrameView& frame, int x, int y);
+  [[nodiscard]] size_t first(size_t number) const { return number * keep_.size(); }
   void refine_one(const FrameView& frame, size_t number, Marker& marker, int64_t& error2_q16);
 
   int width_px_;
   int height_px_;
+  DotSumsRun run_;
   int radius_px_;
   std::vector<Pixel> pixels_;
   std::vector<Template> templates_;
-  std::vector<int32_t> h_;  // per template: h_x and h_y of each pixel, interleaved
-  std::vector<int32_t> t_;
-  std::vector<int32_t> window_;  // luma around one dot in a frame
+  // Of each template, for each of the window's values; 0 outside the disc.
+  std::array<std::vector<int16_t>, 2> h_;
+  std::vector<int16_t> t_;
+  std::vector<int16_t> keep_;
+  std::vector<int16_t> window_;  // luma around one dot in a frame
   Values sample_;                // of one template
   std::array<Values, 2> gradient_;
   std::array<Values, 6> nuisance_;  // nuisance directions, mutually orthogonal

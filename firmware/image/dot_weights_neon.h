@@ -19,7 +19,8 @@ class DotWeightsNeon {
   }
 
  private:
-  static constexpr int kCount = 8;
+  static constexpr int kCount = DotTiles::kSide;
+  static_assert(kCount == 8);
 
   static int32x4_t prefix_sums(int32x4_t v) {
     const int32x4_t zero = vdupq_n_s32(0);
@@ -59,6 +60,10 @@ class DotWeightsNeon {
     };
     const auto below = [&](uint16x4_t level) { return vshrn_n_u32(vmull_u16(level, threshold_q15), 15); };
     for (int x = 0; x < whole; x += kCount) {
+      if (row.open[x / kCount] == 0) {
+        vst1q_s16(row.weight + x, vdupq_n_s16(0));
+        continue;
+      }
       const uint16x4_t first = background(x);
       const uint16x4_t second = background(x + 4);
       const uint16x8_t threshold = vcombine_u16(below(first), below(second));

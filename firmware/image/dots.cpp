@@ -5,9 +5,10 @@
 #include "image/kernels.h"
 
 namespace ruffini {
-DotDetector::DotDetector(const DotParameters& parameters, DotRun version)
+DotDetector::DotDetector(const DotParameters& parameters, const DotKernels& version)
     : p_(parameters),
       run_(version),
+      tiles_(p_, version.tiles),
       no_row_(static_cast<size_t>(p_.width_px)),
       inverse_q32_(static_cast<size_t>(p_.width_px)),
       column_sum_(static_cast<size_t>(p_.width_px)),
@@ -20,15 +21,11 @@ DotDetector::DotDetector(const DotParameters& parameters, DotRun version)
 DotDetector::DotDetector(const DotParameters& parameters)
     : DotDetector(parameters, kernels::fastest_supported().dots) {}
 
-// Sums for the boxes of the row above the first one.
-void DotDetector::start(std::span<const uint16_t> grey) {
-  const auto width = static_cast<size_t>(p_.width_px);
+// Sums for the boxes of the row above row y.
+void DotDetector::start(std::span<const uint16_t> grey, int y) {
   std::fill(column_sum_.begin(), column_sum_.end(), 0);
-  for (int y = 0; y < std::min(p_.box_radius_px, p_.height_px); ++y) {
-    const auto row = grey.subspan(static_cast<size_t>(y) * width, width);
-    for (size_t x = 0; x < width; ++x) column_sum_[x] += row[x];
-  }
-  n_box_rows_ = 0;
+  const int r = p_.box_radius_px;
+  tiles_.add_rows(grey, std::max(y - 1 - r, 0), std::min(y + r, p_.height_px), column_sum_.data());
 }
 
 void DotDetector::invert_areas(int n_rows) {
@@ -53,26 +50,36 @@ void DotDetector::weigh_row(std::span<const uint16_t> grey, int y) {
   const auto row = [&](int v) {
     return v < 0 || v >= p_.height_px ? no_row_.data() : grey.data() + ptrdiff_t{v} * p_.width_px;
   };
-  run_({.width = p_.width_px,
-        .box_radius_px = r,
-        .is_light = p_.polarity == Polarity::kLight,
-        .threshold_q15 = p_.threshold_1e3 * 32'768 / 1'000,
-        .entering = row(y + r),
-        .leaving = row(y - r - 1),
-        .grey = row(y),
-        .inverse_q32 = inverse_q32_.data(),
-        .column_sum = column_sum_.data(),
-        .prefix_sum = prefix_sum_.data(),
-        .weight = weight_.data()});
+  run_.weigh({.width = p_.width_px,
+              .box_radius_px = r,
+              .is_light = p_.polarity == Polarity::kLight,
+              .threshold_q15 = p_.threshold_1e3 * 32'768 / 1'000,
+              .entering = row(y + r),
+              .leaving = row(y - r - 1),
+              .grey = row(y),
+              .open = tiles_.open(y / DotTiles::kSide),
+              .inverse_q32 = inverse_q32_.data(),
+              .column_sum = column_sum_.data(),
+              .prefix_sum = prefix_sum_.data(),
+              .weight = weight_.data()});
 }
 
 std::span<const Dot> DotDetector::detect(std::span<const uint16_t> grey) {
   dots_.clear();
   blobs_.start();
-  start(grey);
-  for (int y = 0; y < p_.height_px; ++y) {
-    weigh_row(grey, y);
-    blobs_.add(weight_, y);
+  n_box_rows_ = 0;
+  tiles_.measure(grey);
+  for (int row = 0; row < tiles_.n_rows(); ++row) {
+    const int first = row * DotTiles::kSide;
+    if (!tiles_.is_open(row)) {
+      blobs_.pass_over();
+      continue;
+    }
+    if (row == 0 || !tiles_.is_open(row - 1)) start(grey, first);
+    for (int y = first; y < std::min(first + DotTiles::kSide, p_.height_px); ++y) {
+      weigh_row(grey, y);
+      blobs_.add(weight_, y);
+    }
   }
   for (size_t i = 0; i < blobs_.all().size() && dots_.size() < kMaxDots; ++i) {
     const Blob& c = blobs_.all()[i];

@@ -8,7 +8,8 @@
 //
 // The weight falls to zero at the component's edge, so the centre moves smoothly as the dot crosses the pixel grid.
 // Components that touch the border or whose area is outside [min, max] are dropped. Grey is in 1/16 levels of three
-// channels together (image/difference.h). Frame thread; no allocation after the constructor.
+// channels together (image/difference.h). Tiles without a weight are passed over (image/dot_tiles.h). Frame thread; no
+// allocation after the constructor.
 #pragma once
 
 #include <cstdint>
@@ -16,8 +17,8 @@
 #include <vector>
 
 #include "base/fixed.h"
-#include "board/settings.h"
 #include "image/blobs.h"
+#include "image/dot_tiles.h"
 
 namespace ruffini {
 
@@ -25,16 +26,6 @@ struct Dot {
   ImagePx x;
   ImagePx y;
   int area_px = 0;
-};
-
-struct DotParameters {
-  int width_px = 0;
-  int height_px = 0;
-  int box_radius_px = 0;
-  int threshold_1e3 = 0;
-  Polarity polarity = Polarity::kDark;
-  int min_area_px = 0;
-  int max_area_px = 0;
 };
 
 // Inputs of one row of weights; `inverse_q32` and the sums belong to each pixel's box.
@@ -46,31 +37,36 @@ struct DotRow {
   const uint16_t* entering = nullptr;  // the row that enters the boxes, and below the row that leaves them
   const uint16_t* leaving = nullptr;
   const uint16_t* grey = nullptr;
+  const int16_t* open = nullptr;  // of each tile (dot_tiles.h): 0 if its weights are zero
   const int32_t* inverse_q32 = nullptr;
   int32_t* column_sum = nullptr;
   int32_t* prefix_sum = nullptr;  // box_radius_px + 1 zeros, then `width` sums, then room for box_radius_px more
   int16_t* weight = nullptr;
 };
-using DotRun = void (*)(const DotRow& row);
+struct DotKernels {
+  void (*weigh)(const DotRow& row);
+  TileKernels tiles;
+};
 
 class DotDetector {
  public:
   static constexpr int kMaxBoxRadiusPx = 200;  // keeps the sum of a box within 31 bits: 401^2 pixels of 16 x 765
   static constexpr int kMaxDots = 4096;
 
-  DotDetector(const DotParameters& parameters, DotRun version);
+  DotDetector(const DotParameters& parameters, const DotKernels& version);
   explicit DotDetector(const DotParameters& parameters);  // selects the fastest version that this processor supports
 
   // Returns the dots of `grey` (width x height) in the order of their first pixels; valid until the next call.
   std::span<const Dot> detect(std::span<const uint16_t> grey);
 
  private:
-  void start(std::span<const uint16_t> grey);
+  void start(std::span<const uint16_t> grey, int y);
   void weigh_row(std::span<const uint16_t> grey, int y);
   void invert_areas(int n_rows);
 
   DotParameters p_;
-  DotRun run_;
+  DotKernels run_;
+  DotTiles tiles_;
   std::vector<uint16_t> no_row_;      // zeros: the row that enters or leaves beyond the border
   std::vector<int32_t> inverse_q32_;  // inverse area of each pixel's box, for n_box_rows_ rows
   int n_box_rows_ = 0;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "image/difference.h"
+#include "image/dot_sums.h"
 #include "image/dots.h"
 #include "image/glow.h"
 #include "image/photometric.h"
@@ -12,7 +13,8 @@ namespace ruffini::kernels {
 
 struct Kernels {
   DifferenceRun difference;
-  DotRun dots;
+  DotKernels dots;
+  DotSumsRun dot_sums;
   GlowRun glow;
   SmoothRun smooth;
   CellRun cells;

@@ -1,4 +1,6 @@
 #include "image/difference_neon.h"
+#include "image/dot_sums_neon.h"
+#include "image/dot_tile_lanes.h"
 #include "image/dot_weights_neon.h"
 #include "image/glow_neon.h"
 #include "image/kernels.h"
@@ -10,7 +12,8 @@
 namespace ruffini::kernels {
 
 const Kernels kNeon = {.difference = difference_row_neon,
-                       .dots = DotWeightsNeon::run,
+                       .dots = {.weigh = DotWeightsNeon::run, .tiles = DotTileLanes<NeonLanes>::kernels()},
+                       .dot_sums = dot_sums_neon,
                        .glow = glow_row_neon,
                        .smooth = smooth_line_neon,
                        .cells = PhotometricCells<NeonLanes>::run,

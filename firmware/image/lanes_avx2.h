@@ -102,6 +102,16 @@ struct Avx2Lanes {
     second = gather(table + 1, index);
   }
 
+  // Lane i becomes the sum of the lanes up to i, modulo 2^32. Only here.
+  static V prefix_sums(V a) {
+    a = _mm256_add_epi32(a, _mm256_slli_si256(a, 4));
+    a = _mm256_add_epi32(a, _mm256_slli_si256(a, 8));  // of each half
+    const V low_half = _mm256_permute2x128_si256(a, a, 0x08);
+    return _mm256_add_epi32(a, _mm256_shuffle_epi32(low_half, 0xFF));
+  }
+  static V broadcast_last(V a) { return _mm256_permutevar8x32_epi32(a, broadcast(7)); }
+  static int32_t first(V a) { return _mm256_cvtsi256_si32(a); }
+
   // Transposes eight vectors.
   static void transpose(V* block) {
     V pair[8];

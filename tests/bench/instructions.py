@@ -61,7 +61,7 @@ PIXEL_BYTES = 3 + 3 + 3 + (6 + 6 + 6 + 2) + 6
 # In the order of benchmarks.py's frame path; light is what follows the light, uncertainty the error model.
 STAGES = (
     "difference", "markers", "light", "photometric", "poisson", "displacement",
-    "zero", "depth_validity", "operator", "support", "wrench", "contacts", "uncertainty",
+    "zero", "operator", "support", "wrench", "contacts", "uncertainty", "depth_validity",
 )  # fmt: skip
 FRAMES = ("untouched", "touched", "next")
 SECTION = "## Instructions of one frame"

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "image/kernels.h"
 #include "support/dot_picture.h"
 #include "support/test_board.h"
 
@@ -69,6 +70,134 @@ TEST(DotDetector, DropsTornMergedAndTinySpots) {
   EXPECT_TRUE(detector.detect(picture.grey({{60, 60}, {65, 60}, {70, 60}, {75, 60}}, 0)).empty()) << "merged";
   EXPECT_TRUE(detector.detect(DotPicture{.diameter_px = 1.5, .noise = 0}.grey({{60, 60}}, 0)).empty()) << "dust";
   EXPECT_EQ(detector.detect(picture.grey({{60, 60}}, 0)).size(), 1U);
+}
+
+// The weights of dots.h, each from its own box.
+std::vector<int16_t> weights_of(const DotParameters& p, const std::vector<uint16_t>& grey, size_t stride) {
+  std::vector<int16_t> out(stride * static_cast<size_t>(p.height_px));
+  for (int y = 0; y < p.height_px; ++y) {
+    for (int x = 0; x < p.width_px; ++x) {
+      int64_t sum = 0, area = 0;
+      for (int v = std::max(y - p.box_radius_px, 0); v <= std::min(y + p.box_radius_px, p.height_px - 1); ++v) {
+        for (int u = std::max(x - p.box_radius_px, 0); u <= std::min(x + p.box_radius_px, p.width_px - 1); ++u) {
+          sum += grey[static_cast<size_t>(v * p.width_px + u)];
+          ++area;
+        }
+      }
+      const int64_t inverse = ((int64_t{1} << 33) + area) / (2 * area);
+      const int64_t background = (sum * inverse + (int64_t{1} << 31)) >> 32;
+      const int64_t darker = background - grey[static_cast<size_t>(y * p.width_px + x)];
+      const int64_t contrast = p.polarity == Polarity::kLight ? -darker : darker;
+      const int64_t weight = contrast - (background * (p.threshold_1e3 * 32'768 / 1'000) >> 15);
+      out[static_cast<size_t>(y) * stride + static_cast<size_t>(x)] =
+          static_cast<int16_t>(std::max<int64_t>(weight, 0));
+    }
+  }
+  return out;
+}
+
+struct Picture {
+  DotParameters parameters;
+  std::vector<uint16_t> grey;
+};
+
+// Plain, with dots, with steps of light, noise: of any size, so that tiles are cut, and boxes are smaller than tiles.
+std::vector<Picture> any_pictures() {
+  std::mt19937 random(3);  // NOLINT: the same numbers on every run
+  const auto below = [&](int n) { return static_cast<int>(random() % static_cast<unsigned>(n)); };
+  std::vector<Picture> out;
+  for (int i = 0; i < 120; ++i) {
+    DotParameters p{.width_px = 9 + below(90),
+                    .height_px = 9 + below(70),
+                    .box_radius_px = 2 + below(i % 3 == 0 ? 6 : 30),
+                    .threshold_1e3 = 10 + below(i % 2 == 0 ? 200 : 890),
+                    .polarity = i % 4 < 2 ? Polarity::kDark : Polarity::kLight,
+                    .min_area_px = 1,
+                    .max_area_px = 1'000};
+    if (p.polarity == Polarity::kLight && i % 5 == 0) p.threshold_1e3 = 1'900;
+    const int level = i % 7 == 0 ? 12'240 : i % 7 == 1 ? 0 : 600 + below(8'000);
+    const int noise = i % 3 == 1 ? 1 : 1 + below(400);
+    std::vector<int> grey(static_cast<size_t>(p.width_px * p.height_px), level);
+    for (int n = below(6); n > 0; --n) {  // spots and steps
+      const int left = below(p.width_px), top = below(p.height_px), side = 1 + below(n % 2 == 0 ? 6 : 40);
+      const int by = below(2 * level + 2) - level;
+      for (int y = top; y < std::min(top + side, p.height_px); ++y) {
+        for (int x = left; x < std::min(left + side, p.width_px); ++x)
+          grey[static_cast<size_t>(y * p.width_px + x)] += by;
+      }
+    }
+    std::vector<uint16_t> levels;
+    for (const int v : grey) levels.push_back(static_cast<uint16_t>(std::clamp(v + below(noise), 0, 12'240)));
+    out.push_back({p, std::move(levels)});
+  }
+  return out;
+}
+
+TEST(DotTiles, AClosedTileHoldsNoWeight) {
+  size_t n_closed = 0;
+  for (const Picture& picture : any_pictures()) {
+    const DotParameters& p = picture.parameters;
+    const auto stride = static_cast<size_t>(p.width_px);
+    const std::vector<int16_t> weight = weights_of(p, picture.grey, stride);
+    DotTiles tiles(p, kernels::fastest_supported().dots.tiles);
+    tiles.measure(picture.grey);
+    tiles.measure(picture.grey);  // what the first picture left behind does not matter
+    for (int y = 0; y < p.height_px; ++y) {
+      const int row = y / DotTiles::kSide;
+      for (int x = 0; x < p.width_px; ++x) {
+        const bool is_open = tiles.open(row)[x / DotTiles::kSide] != 0;
+        ASSERT_TRUE(is_open || weight[static_cast<size_t>(y) * stride + static_cast<size_t>(x)] == 0) << x << ", " << y;
+        ASSERT_TRUE(!is_open || tiles.is_open(row));
+        n_closed += is_open ? 0 : 1;
+      }
+    }
+  }
+  EXPECT_GT(n_closed, 100'000U);
+}
+
+TEST(DotTiles, DotsAreThoseOfAllPixels) {
+  size_t n_dots = 0;
+  for (const Picture& picture : any_pictures()) {
+    const DotParameters& p = picture.parameters;
+    Blobs blobs(p.width_px, p.height_px);
+    const size_t stride = blobs.row();
+    const std::vector<int16_t> weight = weights_of(p, picture.grey, stride);
+    blobs.start();
+    for (int y = 0; y < p.height_px; ++y) {
+      blobs.add(std::span<const int16_t>(weight).subspan(static_cast<size_t>(y) * stride, stride), y);
+    }
+    DotDetector detector(p);
+    detector.detect(picture.grey);
+    const std::span<const Dot> found = detector.detect(picture.grey);
+    size_t n = 0;
+    for (size_t i = 0; i < blobs.all().size(); ++i) {
+      const Blob& blob = blobs.all()[i];
+      if (blob.parent != static_cast<int>(i) || blob.touches_border || blob.area > p.max_area_px) continue;
+      ASSERT_LT(n, found.size());
+      EXPECT_EQ(found[n].x.raw(), (blob.weight_x << 16) / blob.weight);
+      EXPECT_EQ(found[n].y.raw(), (blob.weight_y << 16) / blob.weight);
+      EXPECT_EQ(found[n].area_px, blob.area);
+      ++n;
+    }
+    EXPECT_EQ(n, found.size());
+    n_dots += n;
+  }
+  EXPECT_GT(n_dots, 1'000U);
+}
+
+// What the route is for.
+TEST(DotTiles, MostOfAPictureWithDotsIsClosed) {
+  BoardSettings board = test::round_board();
+  const DotParameters p = dot_parameters(board);
+  DotTiles tiles(p, kernels::fastest_supported().dots.tiles);
+  const std::vector<Place> dots = scattered_dots(1);
+  tiles.measure(DotPicture{}.grey({dots.begin(), dots.begin() + 12}, 2));
+  int n_open = 0, n = 0;
+  for (int row = 0; row < tiles.n_rows(); ++row) {
+    for (int x = 0; x < p.width_px; x += DotTiles::kSide, ++n) n_open += tiles.open(row)[x / DotTiles::kSide] != 0;
+  }
+  EXPECT_GE(n_open, 12);
+  EXPECT_LT(n_open, n / 3);
 }
 
 }  // namespace

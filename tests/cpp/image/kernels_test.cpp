@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <fstream>
 #include <iterator>
 #include <random>
@@ -138,21 +139,24 @@ TEST(Kernels, WeightsOfDotsAreTheSameAtAnyWidth) {
       for (size_t i = 0; i < n; ++i) row.push_back(static_cast<uint16_t>(random() % 12'241));
     }
     const std::vector<int32_t> inverse(n, (1 << 29) / (width + 1));
+    std::vector<int16_t> open(n / DotTiles::kSide + 1);
+    for (int16_t& tile : open) tile = static_cast<int16_t>(random() % 3);
     const auto run = [&](const Kernels& kernels, bool is_light) {
       std::vector<int32_t> sums(n, 300'000);
       std::vector<int32_t> prefix(n + 2 * static_cast<size_t>(radius) + 1);
       std::vector<int16_t> weight(n, -1);
-      kernels.dots({.width = width,
-                    .box_radius_px = radius,
-                    .is_light = is_light,
-                    .threshold_q15 = 3'932,
-                    .entering = rows[0].data(),
-                    .leaving = rows[1].data(),
-                    .grey = rows[2].data(),
-                    .inverse_q32 = inverse.data(),
-                    .column_sum = sums.data(),
-                    .prefix_sum = prefix.data(),
-                    .weight = weight.data()});
+      kernels.dots.weigh({.width = width,
+                          .box_radius_px = radius,
+                          .is_light = is_light,
+                          .threshold_q15 = 3'932,
+                          .entering = rows[0].data(),
+                          .leaving = rows[1].data(),
+                          .grey = rows[2].data(),
+                          .open = open.data(),
+                          .inverse_q32 = inverse.data(),
+                          .column_sum = sums.data(),
+                          .prefix_sum = prefix.data(),
+                          .weight = weight.data()});
       return std::pair{sums, weight};
     };
     for (const bool is_light : {false, true}) {
@@ -160,6 +164,139 @@ TEST(Kernels, WeightsOfDotsAreTheSameAtAnyWidth) {
       for (const Version& version : versions()) {
         EXPECT_EQ(run(*version.kernels, is_light), reference) << version.name << ", width " << width;
       }
+    }
+  }
+}
+
+struct Tiles {
+  std::vector<int32_t> column, near, far, sum, wide, added, levels;
+  std::vector<int16_t> open;
+  bool operator==(const Tiles&) const = default;
+};
+
+TEST(Kernels, TilesOfDotsAreTheSameAtAnySize) {
+  std::mt19937 random(15);  // NOLINT: the same numbers on every run
+  for (int width = 1; width < 70; ++width) {
+    const int n_rows = 1 + width % 8;
+    const int n_tiles = (width + 7) / 8;
+    const auto n = static_cast<size_t>(width);
+    const auto many = [&](size_t count, int from, int to) {
+      std::vector<int32_t> out(count);
+      for (int32_t& v : out) v = from + static_cast<int32_t>(random() % static_cast<unsigned>(to - from));
+      return out;
+    };
+    std::vector<uint16_t> grey(n * static_cast<size_t>(n_rows));
+    for (uint16_t& g : grey) g = static_cast<uint16_t>(random() % 12'241);
+    const auto columns = many(n, 0, 57);
+    const std::vector<std::vector<int32_t>> corners{many(n, -(1 << 30), 1 << 30), many(n, -(1 << 30), 1 << 30)};
+    const auto insides = many(n, 0, 30'000'000);
+    const auto near = many(n, 0, 12'241);
+    const auto most = many(n, 0, 12'241);
+    const auto run = [&](const TileKernels& kernels, bool is_light) {
+      const auto count = static_cast<size_t>(n_tiles);
+      Tiles out{std::vector<int32_t>(n),
+                std::vector<int32_t>(count),
+                std::vector<int32_t>(count),
+                std::vector<int32_t>(count),
+                near,
+                columns,
+                columns,
+                std::vector<int16_t>(n)};
+      kernels.measure({.width = width,
+                       .n_rows = n_rows,
+                       .is_light = is_light,
+                       .grey = grey.data(),
+                       .column_sum = out.column.data(),
+                       .near = out.near.data(),
+                       .far = out.far.data(),
+                       .sum = out.sum.data()});
+      const int by = 1 + width % 5;
+      if (width > by) kernels.widen(out.wide.data(), width - by, by);
+      kernels.add(out.added.data(), near.data(), width);
+      kernels.add_grey(out.levels.data(), grey.data(), width);
+      std::vector<int32_t> high = corners[0], low_most = most, low_near = near;
+      for (size_t i = 0; i < n; ++i) {
+        high[i] += insides[i];
+        if (is_light) low_most[i] *= -1;
+        if (is_light) low_near[i] *= -1;
+      }
+      kernels.judge({.n_tiles = width,
+                     .is_light = is_light,
+                     .threshold_q15 = is_light ? 62'259 : 3'932,
+                     .area = 69 * 69,
+                     .inverse_q32 = 902'106,
+                     .n_rows = 56,
+                     .n_columns = columns.data(),
+                     .high_right = high.data(),
+                     .high_left = corners[0].data(),
+                     .low_right = corners[1].data(),
+                     .low_left = corners[1].data(),
+                     .near = low_near.data(),
+                     .most = low_most.data(),
+                     .open = out.open.data()});
+      return out;
+    };
+    for (const bool is_light : {false, true}) {
+      const Tiles reference = run(kScalar.dots.tiles, is_light);
+      for (size_t tile = 0; tile < static_cast<size_t>(n_tiles); ++tile) {
+        EXPECT_LE(is_light ? -reference.far[tile] : reference.near[tile],
+                  is_light ? -reference.near[tile] : reference.far[tile]);
+      }
+      for (const Version& version : versions()) {
+        EXPECT_EQ(run(version.kernels->dots.tiles, is_light), reference) << version.name << ", width " << width;
+      }
+    }
+  }
+}
+
+TEST(Kernels, SumsOfADotAreTheSameAtAnySizeAndAtTheLimits) {
+  std::mt19937 random(16);  // NOLINT: the same numbers on every run
+  for (int radius = 2; radius <= DotWindow::kMaxRadiusPx; ++radius) {
+    for (int turn = 0; turn < 6; ++turn) {
+      const int side = 2 * radius + 2;
+      const auto n = static_cast<size_t>(((side - 1) * side + 15) / 16 * 16);
+      const auto stride = static_cast<size_t>(3 * (side + turn));
+      const bool is_extreme = turn == 0;
+      // Not a byte more than the window has.
+      std::vector<uint8_t> pixels(stride * static_cast<size_t>(side - 1) + static_cast<size_t>(3 * side), 255);
+      std::vector<int16_t> h_x(n), h_y(n), t(n), keep(n);
+      const auto drawn = [&](int limit) {
+        return static_cast<int16_t>(
+            is_extreme ? limit : static_cast<int>(random() % (2U * static_cast<unsigned>(limit))) - limit);
+      };
+      for (uint8_t& level : pixels) level = is_extreme ? 255 : static_cast<uint8_t>(random());
+      for (int y = 0; y < side - 1; ++y) {
+        for (int x = 0; x < side - 1; ++x) {
+          const auto i = static_cast<size_t>(y * side + x);
+          if (!is_extreme && random() % 4 == 0) continue;
+          h_x[i] = drawn(2'047);
+          h_y[i] = drawn(2'047);
+          t[i] = drawn(4'080);
+          keep[i] = -1;
+        }
+      }
+      std::vector<int16_t> luma(n + static_cast<size_t>(side) + 1);
+      const auto run = [&](const Kernels& kernels) {
+        return kernels.dot_sums({.pixels = pixels.data(),
+                                 .stride = static_cast<ptrdiff_t>(stride),
+                                 .side = side,
+                                 .share_x = static_cast<int16_t>(is_extreme ? 32'767 : 5'000 + 3'000 * turn),
+                                 .share_y = static_cast<int16_t>(7'000 * turn % 32'768),
+                                 .n_values = static_cast<int>(n),
+                                 .h_x = h_x.data(),
+                                 .h_y = h_y.data(),
+                                 .t = t.data(),
+                                 .keep = keep.data(),
+                                 .luma = luma.data()});
+      };
+      const DotSums reference = run(kScalar);
+      const auto n_kept = std::count(keep.begin(), keep.end(), int16_t{-1});
+      if (is_extreme) {
+        EXPECT_EQ(reference.sum, 4'080 * n_kept);
+        EXPECT_EQ(reference.common, int64_t{4'080} * 4'080 * n_kept);
+      }
+      for (const Version& version : versions())
+        EXPECT_EQ(run(*version.kernels), reference) << version.name << " " << radius;
     }
   }
 }
