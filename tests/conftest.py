@@ -28,7 +28,7 @@ from ruffini.device import ports
 from ruffini.estimators.material import model as material
 
 COSTS = "module_seconds.json"
-N_SYSTEMS = 9  # of one board's fit
+SYSTEMS_BYTES = 500_000_000  # kept by a worker
 _seconds: dict[str, float] = defaultdict(float)
 _processor_s: list[float] = []  # of each worker with the processes that it started; a busy computer changes it little
 
@@ -94,9 +94,9 @@ def _patient_host() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def _systems_of_a_board_made_once() -> Iterator[None]:
-    """A fit of a pad makes nine, its report and the module's next fit the same ones: the newest nine are kept."""
+    """A fit of a pad makes nine, its report and the module's next fit the same ones: the newest are kept."""
     made: dict[tuple[Any, ...], Any] = {}
     make = material.system_of
 
@@ -104,8 +104,8 @@ def _systems_of_a_board_made_once() -> Iterator[None]:
         key = (slab, noise, observed.tobytes(), hashlib.sha256(operator.tobytes()).digest())
         system = made.pop(key, None) or make(slab, noise, observed, operator)
         made[key] = system
-        for old in list(made)[:-N_SYSTEMS]:
-            made.pop(old, None)
+        while sum(one.normal.nbytes + one.project.nbytes for one in made.values()) > SYSTEMS_BYTES:
+            made.pop(next(iter(made)))
         return system
 
     with pytest.MonkeyPatch.context() as patch:

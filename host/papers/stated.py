@@ -24,11 +24,11 @@ def deviations(covariance: npt.NDArray[np.int64]) -> Array:
 def coverage(error: Array, sigma: Array) -> Coverage:
     """Percent within one and two sigma, mean sigma in the unit of the error, and the number of values.
 
-    Values without a sigma, or not reported (NaN), do not count.
+    Values that are not reported, or whose sigma is not (NaN), do not count. A sigma of zero covers nothing.
     """
-    counts = np.isfinite(error) & (sigma > 0)
+    counts = np.isfinite(error) & np.isfinite(sigma)
     tally = Tally()
-    tally.add(error[counts], sigma[counts])
+    tally.add(error[counts], np.maximum(sigma[counts], np.finfo(float).tiny))
     return tally.summary()
 
 

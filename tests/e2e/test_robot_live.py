@@ -86,6 +86,9 @@ def test_a_camera_that_dies_is_silence_and_the_world_goes_on(live: Live) -> None
             return held.newest() is not None
 
         until(is_heard, "a valid frame")
+        os.kill(live.cameras["pad"].pid, signal.SIGSTOP)
+        for _ in range(1000):  # more than a socket holds: the physics never waits for a camera
+            live.cameras["pad"].show(live.world.pads["pad"].contact.surface_displacement())
         os.kill(live.cameras["pad"].pid, signal.SIGKILL)
 
         def is_silent() -> bool:
@@ -98,7 +101,8 @@ def test_a_camera_that_dies_is_silence_and_the_world_goes_on(live: Live) -> None
 
 
 def test_a_camera_that_cannot_start_is_said(twin: Twin, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    camera = PadCamera(twin.unit.renderer(), tmp_path / "no" / "folder", seed=1)
+    (tmp_path / "twin.socket").mkdir()
+    camera = PadCamera(twin.unit.renderer(), tmp_path / "twin.socket", seed=1)
     with camera, pytest.raises(RuffiniError, match="did not start"):
         camera.wait()
     assert "cannot serve there" in capfd.readouterr().err

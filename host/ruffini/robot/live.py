@@ -1,4 +1,4 @@
-"""Pads of a world as real sensors: pictures into `ruffinid`; of each pad the camera and the daemon are processes.
+"""Pads of a world as real sensors: each is a camera process and a `ruffinid`.
 
 A program opens `Live.ports` with `ruffini.connect` as it would the hardware. `HeldSensor` is what a controller reads:
 the newest frame, and a sentence where the line is silent, so that the grip is held.
@@ -28,7 +28,7 @@ class Live:
     Attributes
     ----------
     ports : of each pad, for `ruffini.connect`.
-    cameras, daemons : of each pad, processes.
+    cameras, daemons : processes of each pad.
     """
 
     def __init__(self, world: World, *, seed: int = 1) -> None:
@@ -39,17 +39,17 @@ class Live:
         self._stack = contextlib.ExitStack()
 
     def __enter__(self) -> Live:
-        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
         with contextlib.ExitStack() as begun:
+            folder = Path(begun.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
             sockets = {name: folder / f"{i}.socket" for i, name in enumerate(self.world.pads)}
             for i, (name, pad) in enumerate(self.world.pads.items()):
                 camera = PadCamera(pad.solid.unit.renderer(), sockets[name], self._seed + i)
                 self.cameras[name] = begun.enter_context(camera)
-            for i, (name, pad) in enumerate(self.world.pads.items()):
+            for name, pad in self.world.pads.items():
                 self.cameras[name].wait()
-                board, store = pad.solid.unit.board.folder, folder / f"store-{i}"
+                board, path = pad.solid.unit.board.folder, sockets[name]
                 assert board is not None
-                daemon = begun.enter_context(started_daemon(board, f"twin:{sockets[name]}", store))
+                daemon = begun.enter_context(started_daemon(board, f"twin:{path}", path.with_suffix(".store")))
                 self.daemons[name], self.ports[name] = daemon, daemon.port
             self._stack.push(begun.pop_all())
         self._next_s = time.monotonic()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from kept import kept
 
-from ruffini.estimators.wrench.few_features import untouched
+from ruffini.estimators.wrench.few_features import noise_of_untouched
 from ruffini.estimators.wrench.fit import fit_wrench_map
 from ruffini.estimators.wrench.log import FeatureRun
 from ruffini.estimators.wrench.model import TO_NMM, frames_of
@@ -24,17 +24,19 @@ def test_noise_is_told_from_light_touches() -> None:
     sigma = np.array([1.0, 3.0, 0.2])
     noise = rng.normal(size=(150, 3)) * sigma
     touched = rng.normal(size=(200, 3)) * sigma + rng.uniform(-1, 1, (200, 1)) * [4.0, 8.0, 12.0]
-    found = untouched(np.concatenate([noise, touched]))
+    found = noise_of_untouched(np.concatenate([noise, touched]))
     assert np.sqrt(np.diag(found.covariance)) == pytest.approx(sigma, rel=0.25)
     assert found.weight[:150].mean() > 0.9
     assert found.weight[150:].mean() < 0.3
 
 
-def test_noise_alone_is_all_noise() -> None:
-    rows = np.random.default_rng(3).normal(size=(300, 6)) * np.arange(1, 7)
-    found = untouched(rows)
-    assert (found.weight == 1).all()
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(np.arange(1, 7), rel=0.15)
+@pytest.mark.parametrize("n", [20, 40, 100, 300])
+def test_noise_alone_is_all_noise(n: int) -> None:
+    for seed in range(20):
+        rows = np.random.default_rng(seed).normal(size=(n, 6)) * np.arange(1, 7)
+        found = noise_of_untouched(rows)
+        assert (found.weight == 1).all()
+        assert found.covariance == pytest.approx(rows.T @ rows / n, rel=1e-6, abs=1e-6)
 
 
 def recordings(first: int, n: int) -> list[FeatureRun]:

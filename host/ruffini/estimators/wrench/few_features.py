@@ -1,14 +1,14 @@
 """The stated error of a map of few features, such as three targets on a sprung tray. Units here: N and N mm.
 
-The reference's noise may be many times the map's error, so that errors against it state nothing. Three parts that it
-does not enter:
+The reference's noise may be many times the map's error, so that errors against it show that noise alone. The stated
+error has three parts without it:
 
-noise of the features in untouched frames, through K: untouched frames are told from light touches by a mixture of two
-    normal distributions, since a load of a fiftieth of full scale moves an axis by more than noise does;
-noise of a target that has moved, which meets the pixels' grid anew: larger by the factor by which the features
-    disagree with each other, which six axes cannot explain;
+noise of the features in untouched frames, through K: a mixture of two normal distributions separates untouched frames
+    from light touches, since a load of a fiftieth of full scale moves an axis by more than noise does;
+noise of a target that has moved, whose edges fall elsewhere between pixels: larger by the ratio of the features'
+    disagreement, which no wrench explains, under load and at rest;
 errors of the map, growing with the load: products of held-out errors at different moments, where white noise has the
-    mean zero. At least the standard error that the reference's noise leaves in K.
+    mean zero. At least the standard error that the reference's noise leaves in the fitted terms.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ MOVED_PART = 0.5  # likewise: above, the disagreement may be what the map's seco
 N_PASSES = 200  # of the mixture
 FIRST_PART = 0.3  # of those frames, the nearest to zero, that the mixture begins with
 APART = 4.0  # variance of light touches over that of noise: below, all are one
+FRAMES_PER_FEATURE = 5  # untouched ones at least, or their covariance is known too badly
 LEAST_SHARE = 0.1  # of the features' noise that their disagreement must show, summed over features
 LEAST_ERROR = 0.0015  # of full scale, under a full load: loads that are held for other times than the log's
 PAIR_S = 0.3  # apart at most: the load, and the map's error with it, is then the same
@@ -42,8 +43,12 @@ class Quiet(NamedTuple):
     weight: Array
 
 
-def untouched(rows: Array) -> Quiet:
-    """Noise of rows (t, k) about zero, of which some are untouched and the others lightly touched."""
+def noise_of_untouched(rows: Array) -> Quiet:
+    """Noise of rows (t, k) about zero, of which some are untouched and the others lightly touched.
+
+    All are untouched where two normal distributions are no better than one by Schwarz's criterion: of noise alone the
+    mixture takes a part for touches, and what is left is too small.
+    """
     n, k = rows.shape
     wide = rows.T @ rows / n
     wide += JITTER * np.trace(wide) / k * np.eye(k)
@@ -56,9 +61,13 @@ def untouched(rows: Array) -> Quiet:
         wide = _covariance(rows, 1 - weight, everything)
         odds = np.log(part / (1 - part)) + _log_density(rows, narrow) - _log_density(rows, wide)
         weight = 1 / (1 + np.exp(-np.clip(odds, -500, 500)))
-    if np.trace(np.linalg.solve(narrow, wide)) < APART * k:
-        return Quiet(everything, np.ones(n))
-    return Quiet(narrow, weight)
+    one = _log_density(rows, everything).sum()
+    both = np.logaddexp(np.log(part) + _log_density(rows, narrow), np.log(1 - part) + _log_density(rows, wide)).sum()
+    is_better = both - one > (k * (k + 1) / 2 + 1) / 2 * np.log(n)
+    is_apart = np.trace(np.linalg.solve(narrow, wide)) >= APART * k
+    if is_better and is_apart and weight.sum() >= FRAMES_PER_FEATURE * k:
+        return Quiet(narrow, weight)
+    return Quiet(everything, np.ones(n))
 
 
 def _covariance(rows: Array, weight: Array, everything: Array) -> Array:
@@ -71,9 +80,9 @@ def _log_density(rows: Array, covariance: Array) -> Array:
     return np.asarray(-0.5 * (np.linalg.solve(root, rows.T) ** 2).sum(axis=0) - np.log(np.diag(root)).sum())
 
 
-class Seen(NamedTuple):
-    """Of each frame: what the map says at once (t, 6); its size over full scale (t,); features less those that the said
-    wrench makes (t, n); held-out errors (t, 6). is_loaded (t,).
+class FittedFrames(NamedTuple):
+    """The map's wrench without memory (t, 6), and its size over full scale (t,); features less those of that wrench
+    (t, n); held-out errors (t, 6); is_loaded (t,).
     """
 
     at_once: Array
@@ -83,18 +92,21 @@ class Seen(NamedTuple):
     is_loaded: Mask
 
 
-def stated(seen: Seen, frames: Frames, full: Array) -> tuple[Array, Array]:
-    """Covariances (6, 6): of every frame, and of the square of the load over full scale; zero where full is zero."""
+def stated(seen: FittedFrames, frames: Frames, full: Array, n_terms: int) -> tuple[Array, Array]:
+    """Covariances (6, 6): of every frame, and of the square of the load over full scale; zero where full is zero.
+
+    n_terms : fitted for each axis.
+    """
     axes = np.flatnonzero(full > 0)
     may_rest = seen.size < QUIET_PART
-    quiet = untouched(seen.at_once[np.ix_(may_rest, axes)])
+    quiet = noise_of_untouched(seen.at_once[np.ix_(may_rest, axes)])
     noise = np.zeros((6, 6))
     noise[np.ix_(axes, axes)] = quiet.covariance
-    constant = noise * _unrest(seen, frames, may_rest, quiet.weight)
-    of_reference = np.maximum(_mean_square(seen.errors[may_rest], quiet.weight) - np.diag(noise), 0)
+    constant = noise * _noise_when_moved(seen, frames, may_rest, quiet.weight)
+    reference_variance = np.maximum(_mean_square(seen.errors[may_rest], quiet.weight) - np.diag(noise), 0)
     per_load = max(float((seen.size**2).mean()), JITTER)
-    standard_error = of_reference * frames.features.shape[1] / len(seen.size) / per_load
-    of_map = np.maximum(_growing(seen, frames, constant, of_reference), standard_error)
+    standard_error = reference_variance * n_terms / len(seen.size) / per_load
+    of_map = np.maximum(_growing(seen, frames, constant, reference_variance), standard_error)
     growing = np.where(full > 0, of_map + (LEAST_ERROR * full) ** 2, 0)
     return constant, np.diag(growing)
 
@@ -103,7 +115,7 @@ def _mean_square(rows: Array, weight: Array) -> Array:
     return np.asarray((rows**2 * weight[:, None]).sum(axis=0) / weight.sum())
 
 
-def _unrest(seen: Seen, frames: Frames, may_rest: Mask, weight: Array) -> float:
+def _noise_when_moved(seen: FittedFrames, frames: Frames, may_rest: Mask, weight: Array) -> float:
     """Variance of a moved feature over that of an untouched one, of the part in which features disagree.
 
     A mean of deviations over the features, not of variances: one that the geometry misfits does not decide.
@@ -115,13 +127,13 @@ def _unrest(seen: Seen, frames: Frames, may_rest: Mask, weight: Array) -> float:
         return 1.0
     is_moved = seen.is_loaded & (seen.size < MOVED_PART)
     if not is_moved.any():
-        return 1.0
+        is_moved = seen.is_loaded  # wide rather than narrow
     moved_part = (seen.disagreement[is_moved] ** 2).mean(axis=0)
     factor = np.sqrt(moved_part / np.maximum(untouched_part, JITTER))
     return max(float(np.average(factor, weights=share)) ** 2, 1.0)
 
 
-def _growing(seen: Seen, frames: Frames, constant: Array, of_reference: Array) -> Array:
+def _growing(seen: FittedFrames, frames: Frames, constant: Array, reference_variance: Array) -> Array:
     """Variance (6,) of the map's error over the square of the load.
 
     By products of errors in pairs of moments, less what the features' own noise has in common there; of logs without
@@ -131,7 +143,7 @@ def _growing(seen: Seen, frames: Frames, constant: Array, of_reference: Array) -
     both = float((seen.size[first] * seen.size[second]).sum())
     if both <= 0:
         loaded = seen.is_loaded
-        left = (seen.errors[loaded] ** 2).mean(axis=0) - of_reference - np.diag(constant)
+        left = (seen.errors[loaded] ** 2).mean(axis=0) - reference_variance - np.diag(constant)
         return np.asarray(left / (seen.size[loaded] ** 2).mean())
     unit = np.maximum((seen.disagreement[seen.is_loaded] ** 2).mean(axis=0), JITTER)
     alike = (seen.disagreement[first] * seen.disagreement[second] / unit).mean(axis=1)

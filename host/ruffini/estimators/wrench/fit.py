@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize
 
 from ruffini.errors import InputError
-from ruffini.estimators.wrench.few_features import Seen, stated
+from ruffini.estimators.wrench.few_features import FittedFrames, stated
 from ruffini.estimators.wrench.kernel import TAIL, Grid
 from ruffini.estimators.wrench.kernel_choice import choose_kernel, kernel_fitted
 from ruffini.estimators.wrench.log import FeatureRun
@@ -187,7 +187,8 @@ def _misfit(fit: Fit, runs: list[FeatureRun]) -> float:
     """
     frames = frames_of(runs, fit.lag_s)
     error = fit.map.predicted(frames) - frames.wrench
-    return float((rms(error) ** 2 / np.maximum(frames.wrench.var(axis=0), 1e-12))[fit.map.full > 0].sum())
+    misfit = rms(error) ** 2 / np.maximum(frames.wrench.var(axis=0), 1e-12)
+    return float(np.where(fit.map.full > 0, misfit, 1.0).sum())  # of an axis that is not measured: all of it
 
 
 def _fit_at(
@@ -476,7 +477,7 @@ def _error(
     """Vectors of the covariance: at rest the features' noise through K; of a load what is left of the held-out errors.
 
     The reference's own noise is in both and goes: it is what the reference says of rest frames, where nothing presses.
-    Of few features `few_features` states it.
+    With at most FEW features, few_features.stated() computes it.
     off : (t, n), features less those of the wrench.
     is_two_held : of a kernel, 95 % of all held-out errors are within two sigma, too. Untouched frames, whose errors are
         small, have a sigma of their own then (`rest`), and the others exceed two of theirs more often.
@@ -492,8 +493,9 @@ def _error(
     loaded = size2 > LOADED_PART**2
     _check_loaded(loaded)
     if frames.features.shape[1] <= FEW:
-        seen = Seen(at_once, np.sqrt(size2), off, errors, loaded)
-        return np.stack([_vectors(part) for part in stated(seen, frames, found.full)])
+        seen = FittedFrames(at_once, np.sqrt(size2), off, errors, loaded)
+        n_terms = found.gain.shape[1] + int(found.square.any(axis=0).sum() + found.relax.any(axis=1).sum())
+        return np.stack([_vectors(part) for part in stated(seen, frames, found.full, n_terms)])
     left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
     growing = left / size2[loaded].mean()
     is_measured = np.outer(found.full > 0, found.full > 0)  # nothing is said of the others
