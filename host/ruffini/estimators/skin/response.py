@@ -24,6 +24,7 @@ from ruffini.errors import InputError
 from ruffini.estimators.skin.gain import COLUMNS, Gain, fit_gain, no_gain
 from ruffini.estimators.skin.presses import Press
 from ruffini.estimators.skin.rubber import pyramid_force
+from ruffini.estimators.viscoelastic import relaxation_states
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.intp]
@@ -165,9 +166,7 @@ class ForceFit:
 
 @dataclass(frozen=True)
 class Memory:
-    """What presses, one after the other, remember: each frame's `part` (terms, t); presses begin at `first`, last `n`
-    frames.
-    """
+    """Steps of the relaxation of presses stored in a row, as `relaxation_states` wants them."""
 
     part: Array
     first: Numbers
@@ -182,12 +181,7 @@ class Memory:
 
     def of_load(self, load: Array) -> Array:
         """h of every frame (terms, t) as the firmware steps it, from zero in every press."""
-        out = np.zeros_like(self.part)
-        for i in range(1, self.n.max()):  # all presses at once
-            now = self.first[self.n > i] + i
-            before = out[:, now - 1]
-            out[:, now] = before + self.part[:, now] * ((load[now] + load[now - 1]) / 2 - before)
-        return out
+        return relaxation_states(load, self.part, self.first, self.n)
 
 
 def fit_force(presses: list[Press], layout: Layout, like: ForceFit | None = None) -> ForceFit:

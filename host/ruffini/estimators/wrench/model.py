@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.estimators.viscoelastic import relaxation_states
 from ruffini.estimators.wrench.kernel import KernelMap
 from ruffini.estimators.wrench.log import FeatureRun
 from ruffini.estimators.wrench.rest import RestGate
@@ -155,16 +156,10 @@ def products(u: Array) -> Array:
 
 def memories(elastic: Array, frames: Frames) -> Array:
     """h of each term (terms, t, k): tau dh/dt = elastic - h, from zero in every recording."""
-    out = np.zeros((len(TIMES_S), *elastic.shape))
-    step = np.zeros((len(TIMES_S), len(elastic), 1))
-    step[:, 1:, 0] = 1 - np.exp(-np.diff(frames.time_s) / np.array(TIMES_S)[:, None])
+    part = np.zeros((len(TIMES_S), len(elastic)))
+    part[:, 1:] = 1 - np.exp(-np.diff(frames.time_s) / np.array(TIMES_S)[:, None])
     first = np.flatnonzero(np.diff(frames.run, prepend=-1))
-    length = np.diff(first, append=len(elastic))
-    for t in range(1, length.max(initial=0)):  # all recordings at once
-        now = first[length > t] + t
-        before = out[:, now - 1]
-        out[:, now] = before + step[:, now] * ((elastic[now] + elastic[now - 1]) / 2 - before)
-    return out
+    return relaxation_states(elastic, part, first, np.diff(first, append=len(elastic)))
 
 
 def forgotten(elastic: Array, frames: Frames, relax: Array) -> Array:
