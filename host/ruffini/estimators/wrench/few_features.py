@@ -28,7 +28,7 @@ MOVED_PART = 0.5  # likewise: above, the disagreement may be what the map's seco
 N_PASSES = 200  # of the mixture
 FIRST_PART = 0.3  # of those frames, the nearest to zero, that the mixture begins with
 APART = 4.0  # variance of light touches over that of noise: below, all are one
-FRAMES_PER_FEATURE = 5  # untouched ones at least, or their covariance is known too badly
+FRAMES_PER_AXIS = 5  # of each of the two: fewer do not determine a covariance
 LEAST_SHARE = 0.1  # of the features' noise that their disagreement must show, summed over features
 LEAST_ERROR = 0.0015  # of full scale, under a full load: loads that are held for other times than the log's
 PAIR_S = 0.3  # apart at most: the load, and the map's error with it, is then the same
@@ -46,8 +46,8 @@ class Quiet(NamedTuple):
 def noise_of_untouched(rows: Array) -> Quiet:
     """Noise of rows (t, k) about zero, of which some are untouched and the others lightly touched.
 
-    All are untouched where two normal distributions are no better than one by Schwarz's criterion: of noise alone the
-    mixture takes a part for touches, and what is left is too small.
+    All are taken as untouched where either has too few, or two normal distributions are no better than one by
+    Schwarz's criterion: of noise alone the mixture takes a part for touches, and what is left is too small.
     """
     n, k = rows.shape
     wide = rows.T @ rows / n
@@ -55,7 +55,10 @@ def noise_of_untouched(rows: Array) -> Quiet:
     scale = np.maximum(np.median(np.abs(rows), axis=0), JITTER * np.sqrt(np.diag(wide)))
     size = ((rows / scale) ** 2).sum(axis=1)
     weight, everything = (size <= np.quantile(size, FIRST_PART)).astype(float), wide
+    all_untouched = Quiet(everything, np.ones(n))
     for _ in range(N_PASSES):
+        if min(weight.sum(), n - weight.sum()) < FRAMES_PER_AXIS * k:
+            return all_untouched
         part = float(np.clip(weight.mean(), JITTER, 1 - JITTER))
         narrow = _covariance(rows, weight, everything)
         wide = _covariance(rows, 1 - weight, everything)
@@ -65,9 +68,7 @@ def noise_of_untouched(rows: Array) -> Quiet:
     both = np.logaddexp(np.log(part) + _log_density(rows, narrow), np.log(1 - part) + _log_density(rows, wide)).sum()
     is_better = both - one > (k * (k + 1) / 2 + 1) / 2 * np.log(n)
     is_apart = np.trace(np.linalg.solve(narrow, wide)) >= APART * k
-    if is_better and is_apart and weight.sum() >= FRAMES_PER_FEATURE * k:
-        return Quiet(narrow, weight)
-    return Quiet(everything, np.ones(n))
+    return Quiet(narrow, weight) if is_better and is_apart else all_untouched
 
 
 def _covariance(rows: Array, weight: Array, everything: Array) -> Array:
