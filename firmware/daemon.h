@@ -94,7 +94,9 @@ class Daemon {
     std::optional<FrameLease> lease{};
     Frame frame{};
     uint64_t start_us = 0;  // when a frame thread took it
-    uint64_t first_us = 0;  // of the first of two frame threads, without its wait for the second
+    // Of the first of two frame threads, without its wait to hand the frame over; where the cut has just risen, that
+    // frame's wait for a segment counts.
+    uint64_t first_us = 0;
   };
   std::optional<int> take_frame(uint32_t number);
   void start(uint32_t number, FrameLease lease);

@@ -22,6 +22,7 @@ class SegmentTurns {
   // Returns when the previous frame has ended.
   void wait_for_previous(const FramePath& path, uint32_t number) { turns_[path.n_segments() - 1].wait_for(number); }
   // Runs the frame's segment and those after it, before `until`, into which the frame must be taken by enter().
+  // Waits where the frame before still has one of them.
   void run(FramePath& path, Frame& frame, uint32_t number, size_t until) {
     path.run(frame.segment, frame);
     while (++frame.segment < until) {

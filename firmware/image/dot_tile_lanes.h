@@ -11,7 +11,7 @@ namespace ruffini {
 template <typename L>
 class DotTileLanes {
  public:
-  static constexpr TileKernels kernels() { return {measure, widen, judge, add, add_grey}; }
+  static constexpr TileKernels kernels() { return {measure, widen, bound, add, add_grey}; }
 
  private:
   static void measure(const TileRow& given) {
@@ -44,8 +44,8 @@ class DotTileLanes {
     }
     const int32_t darkest = -Some::max_lane(Some::sub(Some::broadcast(0), least));
     const int32_t lightest = Some::max_lane(most);
-    row.near[tile] = row.is_light ? -lightest : darkest;
-    row.far[tile] = row.is_light ? -darkest : lightest;
+    row.min_grey[tile] = row.is_light ? -lightest : darkest;
+    row.max_grey[tile] = row.is_light ? -darkest : lightest;
     row.sum[tile] = static_cast<int32_t>(Some::sum(sum));
   }
 
@@ -64,7 +64,7 @@ class DotTileLanes {
     });
   }
 
-  static void judge(const TileBounds& given) {
+  static void bound(const TileBounds& given) {
     const TileBounds row = given;
     each(row.n_tiles, [&row](auto some, int i) {
       using Some = decltype(some);
@@ -74,15 +74,15 @@ class DotTileLanes {
       const auto grey = Some::sub(high, low);
       const auto inside = Some::mul_low(Some::load(row.n_columns + i), Some::broadcast(row.n_rows));
       const auto outside = Some::sub(Some::broadcast(row.area), inside);
-      const auto sum =
-          Some::add(row.is_light ? Some::sub(zero, grey) : grey, Some::mul_low(outside, Some::load(row.most + i)));
-      // The inverse is off by at most a quarter of a level, each of two roundings by a half.
+      const auto sum = Some::add(row.is_light ? Some::sub(zero, grey) : grey,
+                                 Some::mul_low(outside, Some::load(row.max_grey_in_boxes + i)));
+      // Background and bound each err by less than 1/4 (inverse) + 1/2 (rounding), so the integers differ by at most 1.
       const auto mean = Some::narrow(Some::mul(sum, Some::broadcast(row.inverse_q32)), 32);
       const auto bound = Some::add(mean, Some::broadcast(1));
       const auto background = row.is_light ? Some::sub(zero, bound) : bound;
       const auto threshold =
           Some::template shift_right<15>(Some::mul_low(background, Some::broadcast(row.threshold_q15)));
-      const auto weight = Some::sub(Some::sub(bound, Some::load(row.near + i)), threshold);
+      const auto weight = Some::sub(Some::sub(bound, Some::load(row.min_grey + i)), threshold);
       Some::store_16(row.open + i, Some::max(weight, zero));
     });
   }

@@ -18,25 +18,25 @@ DotTiles::DotTiles(const DotParameters& parameters, const TileKernels& kernels)
       n_y_((p_.height_px + kSide - 1) / kSide),
       inner_(p_.box_radius_px < kSide - 1 ? -1 : (p_.box_radius_px - kSide + 1) / kSide),
       outer_((p_.box_radius_px + kSide - 1) / kSide),
-      far_stride_(n_x_ + 2 * outer_),
+      max_grey_stride_(n_x_ + 2 * outer_),
       sum_stride_(n_x_ + 1 + 2 * std::max(inner_, 0)),
       area_(std::min(2 * p_.box_radius_px + 1, p_.width_px) * std::min(2 * p_.box_radius_px + 1, p_.height_px)),
       inverse_q32_(static_cast<int32_t>(((int64_t{1} << 33) + area_) / (2 * int64_t{area_}))),
       column_sum_(as_size(n_y_) * as_size(p_.width_px)),
-      near_(as_size(n_x_) * as_size(n_y_)),
-      far_(as_size(far_stride_) * as_size(n_y_ + 2 * outer_), kNothing),
+      min_grey_(as_size(n_x_) * as_size(n_y_)),
+      max_grey_(as_size(max_grey_stride_) * as_size(n_y_ + 2 * outer_), kNothing),
       sum_(as_size(sum_stride_) * as_size(n_y_ + 1)),
       row_sum_(as_size(n_x_)),
       n_columns_(as_size(n_x_)),
       open_(as_size(n_x_) * as_size(n_y_)),
-      is_row_open_(as_size(n_y_)) {
+      has_open_tile_(as_size(n_y_)) {
   for (int x = 0; x < n_x_ && inner_ >= 0; ++x) {
     n_columns_[as_size(x)] = std::min(kSide * (x + inner_ + 1), p_.width_px) - std::max(kSide * (x - inner_), 0);
   }
 }
 
 void DotTiles::measure(std::span<const uint16_t> grey) {
-  std::fill(far_.begin(), far_.end(), kNothing);
+  std::fill(max_grey_.begin(), max_grey_.end(), kNothing);
   const int margin = std::max(inner_, 0);
   for (int row = 0; row < n_y_; ++row) {
     run_.measure({.width = p_.width_px,
@@ -44,8 +44,8 @@ void DotTiles::measure(std::span<const uint16_t> grey) {
                   .is_light = p_.polarity == Polarity::kLight,
                   .grey = grey.data() + at(kSide * row, p_.width_px),
                   .column_sum = column_sum_.data() + at(row, p_.width_px),
-                  .near = near_.data() + at(row, n_x_),
-                  .far = far_.data() + at(row + outer_, far_stride_) + outer_,
+                  .min_grey = min_grey_.data() + at(row, n_x_),
+                  .max_grey = max_grey_.data() + at(row + outer_, max_grey_stride_) + outer_,
                   .sum = row_sum_.data()});
     const int32_t* above = sum_.data() + at(row, sum_stride_) + margin;
     int32_t* out = sum_.data() + at(row + 1, sum_stride_) + margin;
@@ -57,27 +57,27 @@ void DotTiles::measure(std::span<const uint16_t> grey) {
     std::fill_n(out + n_x_ + 1, margin, out[n_x_]);
   }
   widen();
-  for (int row = 0; row < n_y_; ++row) judge(row);
+  for (int row = 0; row < n_y_; ++row) bound(row);
 }
 
 // Each tile's largest of the 2 outer_ + 1 squared ones around it: by doubling, first along rows, then along columns.
 void DotTiles::widen() {
   const int n = 2 * outer_ + 1;
-  const auto size = static_cast<int>(far_.size());
-  for (const int step : {1, far_stride_}) {
+  const auto size = static_cast<int>(max_grey_.size());
+  for (const int step : {1, max_grey_stride_}) {
     int done = 1;
-    for (; 2 * done <= n; done *= 2) run_.widen(far_.data(), size - done * step, done * step);
-    if (done < n) run_.widen(far_.data(), size - (n - done) * step, (n - done) * step);
+    for (; 2 * done <= n; done *= 2) run_.widen(max_grey_.data(), size - done * step, done * step);
+    if (done < n) run_.widen(max_grey_.data(), size - (n - done) * step, (n - done) * step);
   }
 }
 
-void DotTiles::judge(int row) {
+void DotTiles::bound(int row) {
   const int first = std::max(row - inner_, 0);
   const int end = inner_ < 0 ? first : std::min(row + inner_ + 1, n_y_);
   const int32_t* low = sum_.data() + at(first, sum_stride_);
   const int32_t* high = sum_.data() + at(end, sum_stride_);
   const int width = 2 * std::max(inner_, 0) + 1;
-  run_.judge({.n_tiles = n_x_,
+  run_.bound({.n_tiles = n_x_,
               .is_light = p_.polarity == Polarity::kLight,
               .threshold_q15 = p_.threshold_1e3 * 32'768 / 1'000,
               .area = area_,
@@ -88,11 +88,11 @@ void DotTiles::judge(int row) {
               .high_left = high,
               .low_right = low + width,
               .low_left = low,
-              .near = near_.data() + at(row, n_x_),
-              .most = far_.data() + at(row, far_stride_),
+              .min_grey = min_grey_.data() + at(row, n_x_),
+              .max_grey_in_boxes = max_grey_.data() + at(row, max_grey_stride_),
               .open = open_.data() + at(row, n_x_)});
-  const int16_t* out = open(row);
-  is_row_open_[as_size(row)] = std::any_of(out, out + n_x_, [](int16_t is_open) { return is_open != 0; }) ? 1 : 0;
+  const int16_t* out = open_tiles(row);
+  has_open_tile_[as_size(row)] = std::any_of(out, out + n_x_, [](int16_t is_open) { return is_open != 0; }) ? 1 : 0;
 }
 
 void DotTiles::add_rows(std::span<const uint16_t> grey, int from, int to, int32_t* sums) const {

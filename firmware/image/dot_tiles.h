@@ -37,8 +37,8 @@ struct TileRow {
   bool is_light = false;
   const uint16_t* grey = nullptr;  // the first row, of `width` as the others
   int32_t* column_sum = nullptr;   // of each pixel column
-  int32_t* near = nullptr;  // of each tile: the grey of what is most like a dot: the darkest, or -1 times the lightest
-  int32_t* far = nullptr;   // and of what is least
+  int32_t* min_grey = nullptr;     // of each tile; for light dots of -grey, as max_grey
+  int32_t* max_grey = nullptr;
   int32_t* sum = nullptr;
 };
 // Bounds of a row of tiles; the sums' corners belong to each tile's C.
@@ -54,8 +54,8 @@ struct TileBounds {
   const int32_t* high_left = nullptr;
   const int32_t* low_right = nullptr;
   const int32_t* low_left = nullptr;
-  const int32_t* near = nullptr;
-  const int32_t* most = nullptr;  // M
+  const int32_t* min_grey = nullptr;
+  const int32_t* max_grey_in_boxes = nullptr;  // M
   int16_t* open = nullptr;
 };
 
@@ -63,7 +63,7 @@ struct TileKernels {
   void (*measure)(const TileRow& row);
   // values[i] = max(values[i], values[i + by]) for all i < n
   void (*widen)(int32_t* values, int n, int by);
-  void (*judge)(const TileBounds& row);
+  void (*bound)(const TileBounds& row);
   // sums[i] += values[i]
   void (*add)(int32_t* sums, const int32_t* values, int n);
   void (*add_grey)(int32_t* sums, const uint16_t* grey, int n);
@@ -78,15 +78,15 @@ class DotTiles {
   void measure(std::span<const uint16_t> grey);
   [[nodiscard]] int n_rows() const { return n_y_; }
   // Of each tile in a row of tiles: 0 if it is closed. Valid until the next measure(), as the others.
-  [[nodiscard]] const int16_t* open(int row) const { return open_.data() + at(row, n_x_); }
-  [[nodiscard]] bool is_open(int row) const { return is_row_open_[static_cast<size_t>(row)] != 0; }
+  [[nodiscard]] const int16_t* open_tiles(int row) const { return open_.data() + at(row, n_x_); }
+  [[nodiscard]] bool has_open_tile(int row) const { return has_open_tile_[static_cast<size_t>(row)] != 0; }
   // Adds the rows [from, to) of pixels to the sums of columns.
   void add_rows(std::span<const uint16_t> grey, int from, int to, int32_t* sums) const;
 
  private:
   [[nodiscard]] static ptrdiff_t at(int row, int stride) { return ptrdiff_t{row} * stride; }
   void widen();
-  void judge(int row);
+  void bound(int row);
 
   DotParameters p_;
   TileKernels run_;
@@ -94,18 +94,18 @@ class DotTiles {
   int n_y_;
   int inner_;  // C goes so many tiles beyond its tile; -1: there is no C
   int outer_;  // boxes reach so many tiles beyond it
-  int far_stride_;
+  int max_grey_stride_;
   int sum_stride_;
   int32_t area_;
   int32_t inverse_q32_;
   std::vector<int32_t> column_sum_;  // of each row of tiles
-  std::vector<int32_t> near_;
-  std::vector<int32_t> far_;      // with `outer_` tiles around; widen() makes M of it, at the window's first tile
-  std::vector<int32_t> sum_;      // of all tiles above and to the left, with `inner_` columns at both sides
-  std::vector<int32_t> row_sum_;  // of the tiles of one row
+  std::vector<int32_t> min_grey_;
+  std::vector<int32_t> max_grey_;  // with `outer_` tiles around; widen() makes M of it, at the window's first tile
+  std::vector<int32_t> sum_;       // of all tiles above and to the left, with `inner_` columns at both sides
+  std::vector<int32_t> row_sum_;   // of the tiles of one row
   std::vector<int32_t> n_columns_;
   std::vector<int16_t> open_;
-  std::vector<uint8_t> is_row_open_;
+  std::vector<uint8_t> has_open_tile_;
 };
 
 }  // namespace ruffini

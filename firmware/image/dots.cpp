@@ -57,7 +57,7 @@ void DotDetector::weigh_row(std::span<const uint16_t> grey, int y) {
               .entering = row(y + r),
               .leaving = row(y - r - 1),
               .grey = row(y),
-              .open = tiles_.open(y / DotTiles::kSide),
+              .open = tiles_.open_tiles(y / DotTiles::kSide),
               .inverse_q32 = inverse_q32_.data(),
               .column_sum = column_sum_.data(),
               .prefix_sum = prefix_sum_.data(),
@@ -71,11 +71,11 @@ std::span<const Dot> DotDetector::detect(std::span<const uint16_t> grey) {
   tiles_.measure(grey);
   for (int row = 0; row < tiles_.n_rows(); ++row) {
     const int first = row * DotTiles::kSide;
-    if (!tiles_.is_open(row)) {
+    if (!tiles_.has_open_tile(row)) {
       blobs_.pass_over();
       continue;
     }
-    if (row == 0 || !tiles_.is_open(row - 1)) start(grey, first);
+    if (row == 0 || !tiles_.has_open_tile(row - 1)) start(grey, first);
     for (int y = first; y < std::min(first + DotTiles::kSide, p_.height_px); ++y) {
       weigh_row(grey, y);
       blobs_.add(weight_, y);

@@ -102,7 +102,8 @@ struct Avx2Lanes {
     second = gather(table + 1, index);
   }
 
-  // Lane i becomes the sum of the lanes up to i, modulo 2^32. Only here.
+  // Lane i becomes the sum of the lanes up to i, modulo 2^32. AVX2 only: the scalar reference adds up in
+  // DotWeights::add_up.
   static V prefix_sums(V a) {
     a = _mm256_add_epi32(a, _mm256_slli_si256(a, 4));
     a = _mm256_add_epi32(a, _mm256_slli_si256(a, 8));  // of each half

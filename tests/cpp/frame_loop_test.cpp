@@ -32,6 +32,7 @@
 #include "hw/thermometer.h"
 #include "link/serial_port.h"
 #include "support/scenes.h"
+#include "support/wait_until.h"
 
 namespace ruffini {
 namespace {
@@ -161,9 +162,11 @@ class SlowCamera : public Camera {
   CaptureStatus capture(FramePool::Buffer& buffer) override {
     if (n_ == n_frames_) return CaptureStatus::kEnd;
     // One that was not used, because the machine stood still for a second, is not waited for.
-    do {
-      std::this_thread::sleep_for(std::chrono::microseconds(20));
-    } while (exchange_.frames_processed + exchange_.frames_repeated < n_);
+    std::this_thread::sleep_for(std::chrono::microseconds(20));
+    if (!test::wait_until([&] { return exchange_.frames_processed + exchange_.frames_repeated >= n_; },
+                          std::chrono::microseconds(20))) {
+      return CaptureStatus::kEnd;
+    }
     std::this_thread::sleep_for(std::chrono::microseconds(20));
     const bool is_rest = n_ < static_cast<uint64_t>(scene_.board.n_rest_frames) || n_ / 4 % 2 == 0;
     buffer.pixels = is_rest ? scene_.rest : scene_.pressed;
@@ -239,10 +242,13 @@ Kernel run_daemon(uint64_t n_frames, bool plants, bool does_host_read = true) {
   });
   std::atomic<bool> stop{false};
   std::thread stopper([&] {  // the end of a line that takes nothing is waited for
-    while (!does_host_read && exchange.frames_processed + exchange.frames_repeated < n_frames) {
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    if (does_host_read) return;
+    // Each frame has the whole limit.
+    for (uint64_t n = 1; n <= n_frames; ++n) {
+      const auto is_done = [&] { return exchange.frames_processed + exchange.frames_repeated >= n; };
+      if (!test::wait_until(is_done, std::chrono::milliseconds(1))) break;
     }
-    stop = !does_host_read;
+    stop = true;
   });
   daemon->run(stop);
   stopper.join();

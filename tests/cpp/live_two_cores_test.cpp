@@ -16,6 +16,7 @@
 #include "daemon.h"
 #include "support/fake_seams.h"
 #include "support/scenes.h"
+#include "support/wait_until.h"
 
 namespace ruffini {
 namespace {
@@ -106,11 +107,14 @@ Bytes play(Run run) {
     Calibrator calibrator(run.scene.board, "0000", SlotStore::open(folder).value(), run.exchange);
     const auto next = [&](FramePool::Buffer& buffer) {
       const CaptureStatus status = run.next_frame(buffer);
-      is_over = status == CaptureStatus::kEnd;
+      if (status == CaptureStatus::kEnd) {
+        (void)test::wait_until([&] { return ended(run.exchange) == run.exchange.frames_captured; });
+        is_over = true;
+      }
       return status;
     };
     // The clock may stand still then, so the daemon does not end by itself.
-    const auto stop_if_over = [&] { stop = is_over && ended(run.exchange) == run.exchange.frames_captured; };
+    const auto stop_if_over = [&] { stop = is_over.load(); };
     Daemon daemon(run.scene.board, path_of(run.scene, run.path_clock),
                   DaemonDevices{.clock = run.clock,
                                 .random = random,
@@ -143,7 +147,7 @@ class CameraClock final : public Clock {
 
 std::atomic<bool> is_held{false};  // both frame threads, in their next stage
 uint64_t holding_clock() {
-  while (is_held) std::this_thread::yield();
+  (void)test::wait_until([] { return !is_held; });
   return 0;
 }
 
@@ -200,19 +204,22 @@ TEST(LiveTwoCores, EveryResultIsOfItsOwnFrameAndInOrderWhereFramesAreDropped) {
     return CaptureStatus::kFrame;
   };
   uint64_t in_round = 0, round = 0;
+  // Waits until at most so many frames have not ended.
+  const auto wait_for_all_but = [&](uint64_t n) {
+    return test::wait_until([&] { return ended(exchange) + n >= n_given; });
+  };
   const auto next = [&](FramePool::Buffer& buffer) {
     if (number < kFirstTouch) {  // rest is learned
-      while (ended(exchange) < n_given) std::this_thread::yield();
-      return give(buffer);
+      return wait_for_all_but(0) ? give(buffer) : CaptureStatus::kEnd;
     }
     if (in_round == 0) {
       // In every second round all frames before have ended.
-      while (round % 2 == 0 && ended(exchange) < n_given) std::this_thread::yield();
+      if (round % 2 == 0 && !wait_for_all_but(0)) return CaptureStatus::kEnd;
       is_held = true;
     }
     if (in_round == kBurst) is_held = false;
     // The frames after the burst come when there is room for them.
-    while (in_round >= kBurst && ended(exchange) + 1 < n_given) std::this_thread::yield();
+    if (in_round >= kBurst && !wait_for_all_but(1)) return CaptureStatus::kEnd;
     if (round == kRounds) {
       is_held = false;
       return CaptureStatus::kEnd;
@@ -365,8 +372,8 @@ class LiveTwoCoresRate : public testing::Test {
     work.n_begun = 0;
   }
 
-  // `before`: called by the camera before it gives a frame.
-  void run(uint64_t n_frames, const std::function<void(uint64_t)>& before) {
+  // `before`: called by the camera before it gives a frame; false: it ends.
+  void run(uint64_t n_frames, const std::function<bool(uint64_t)>& before) {
     work.n_frames = n_frames;
     const WorkClock clock;
     uint64_t number = 0;
@@ -375,8 +382,7 @@ class LiveTwoCoresRate : public testing::Test {
           .clock = clock,
           .path_clock = WorkClock::work_if_new,
           .next_frame = [&](FramePool::Buffer& buffer) {
-            if (number == n_frames) return CaptureStatus::kEnd;
-            before(number);
+            if (number == n_frames || !before(number)) return CaptureStatus::kEnd;
             WorkClock::us += 1;
             buffer.pixels = scene_.rest;
             buffer.pixels[number % buffer.pixels.size()] ^= 1;
@@ -388,10 +394,14 @@ class LiveTwoCoresRate : public testing::Test {
     EXPECT_EQ(exchange_.frames_overrun, 0U);
   }
   // One frame after the other, a period of the camera apart.
-  void wait_for_all(uint64_t number) {
-    while (ended(exchange_) < number) std::this_thread::yield();
+  bool wait_for_all(uint64_t number) {
+    if (!wait_for_ended(number)) return false;
     last_us_ += kPeriodUs;
     WorkClock::us = last_us_ = std::max(last_us_, WorkClock::us.load());
+    return true;
+  }
+  bool wait_for_ended(uint64_t number) {
+    return test::wait_until([&] { return ended(exchange_) >= number; });
   }
 
   test::Scene scene_;
@@ -403,11 +413,13 @@ TEST_F(LiveTwoCoresRate, IsHalvedWhereOnlyTheFirstThreadIsSlowAndComesBack) {
   constexpr uint64_t kSlow = 40;  // frames: more than two windows of a second
   std::vector<uint32_t> divisors;
   run(240, [&](uint64_t number) {
-    wait_for_all(number);
+    if (!wait_for_all(number)) return false;
     work.us[kFirst] = number < kSlow ? 120'000 : 70'000;
     work.us[kSecond] = 20'000;
     divisors.push_back(exchange_.rate_divisor);
+    return true;
   });
+  ASSERT_EQ(divisors.size(), 240U);
   EXPECT_EQ(divisors[12], 1U) << "after one window";
   EXPECT_EQ(divisors[kSlow], 2U);
   EXPECT_EQ(divisors[kSlow + 80], 2U) << "after eight windows in which it is fast";
@@ -418,7 +430,7 @@ TEST_F(LiveTwoCoresRate, IsHalvedWhereOnlyTheFirstThreadIsSlowAndComesBack) {
 TEST_F(LiveTwoCoresRate, IsKeptWhereBothThreadsTogetherTakeLongerThanAnInterval) {
   work.us[kFirst] = 80'000;
   work.us[kSecond] = 80'000;
-  run(80, [&](uint64_t number) { wait_for_all(number); });
+  run(80, [&](uint64_t number) { return wait_for_all(number); });
   EXPECT_EQ(exchange_.rate_divisor, 1U);
   EXPECT_EQ(exchange_.frames_left_out, 0U);
 }
@@ -431,10 +443,10 @@ TEST_F(LiveTwoCoresRate, IsKeptWhereTheFirstThreadWaitsForTheSecond) {
   work.us[kSecond] = 50'000;
   const auto first_late = static_cast<uint64_t>(scene_.board.n_rest_frames) + 2;  // a frame that learns rest is alone
   run(kFrames, [&](uint64_t number) {
-    while (number <= first_late && ended(exchange_) < number) std::this_thread::yield();
+    if (number <= first_late && !wait_for_ended(number)) return false;
     if (number == first_late) work.is_second_late = true;
     // Until the first thread has done its part of the frame before.
-    while (work.n_looks + 2 * exchange_.frames_left_out < 2 * number) std::this_thread::yield();
+    return test::wait_until([&] { return work.n_looks + 2 * exchange_.frames_left_out >= 2 * number; });
   });
   EXPECT_FALSE(work.was_too_late) << "the first thread looked at the clock only when its wait was over";
   EXPECT_EQ(exchange_.rate_divisor, 1U);

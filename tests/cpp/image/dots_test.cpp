@@ -145,9 +145,9 @@ TEST(DotTiles, AClosedTileHoldsNoWeight) {
     for (int y = 0; y < p.height_px; ++y) {
       const int row = y / DotTiles::kSide;
       for (int x = 0; x < p.width_px; ++x) {
-        const bool is_open = tiles.open(row)[x / DotTiles::kSide] != 0;
+        const bool is_open = tiles.open_tiles(row)[x / DotTiles::kSide] != 0;
         ASSERT_TRUE(is_open || weight[static_cast<size_t>(y) * stride + static_cast<size_t>(x)] == 0) << x << ", " << y;
-        ASSERT_TRUE(!is_open || tiles.is_open(row));
+        ASSERT_TRUE(!is_open || tiles.has_open_tile(row));
         n_closed += is_open ? 0 : 1;
       }
     }
@@ -185,7 +185,7 @@ TEST(DotTiles, DotsAreThoseOfAllPixels) {
   EXPECT_GT(n_dots, 1'000U);
 }
 
-// What the route is for.
+// Most tiles must be closed, or passing over them saves nothing.
 TEST(DotTiles, MostOfAPictureWithDotsIsClosed) {
   BoardSettings board = test::round_board();
   const DotParameters p = dot_parameters(board);
@@ -194,7 +194,8 @@ TEST(DotTiles, MostOfAPictureWithDotsIsClosed) {
   tiles.measure(DotPicture{}.grey({dots.begin(), dots.begin() + 12}, 2));
   int n_open = 0, n = 0;
   for (int row = 0; row < tiles.n_rows(); ++row) {
-    for (int x = 0; x < p.width_px; x += DotTiles::kSide, ++n) n_open += tiles.open(row)[x / DotTiles::kSide] != 0;
+    for (int x = 0; x < p.width_px; x += DotTiles::kSide, ++n)
+      n_open += tiles.open_tiles(row)[x / DotTiles::kSide] != 0;
   }
   EXPECT_GE(n_open, 12);
   EXPECT_LT(n_open, n / 3);

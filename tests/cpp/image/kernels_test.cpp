@@ -169,7 +169,7 @@ TEST(Kernels, WeightsOfDotsAreTheSameAtAnyWidth) {
 }
 
 struct Tiles {
-  std::vector<int32_t> column, near, far, sum, wide, added, levels;
+  std::vector<int32_t> column, min_grey, max_grey, sum, wide, added, levels;
   std::vector<int16_t> open;
   bool operator==(const Tiles&) const = default;
 };
@@ -190,15 +190,15 @@ TEST(Kernels, TilesOfDotsAreTheSameAtAnySize) {
     const auto columns = many(n, 0, 57);
     const std::vector<std::vector<int32_t>> corners{many(n, -(1 << 30), 1 << 30), many(n, -(1 << 30), 1 << 30)};
     const auto insides = many(n, 0, 30'000'000);
-    const auto near = many(n, 0, 12'241);
-    const auto most = many(n, 0, 12'241);
+    const auto min_grey = many(n, 0, 12'241);
+    const auto max_grey = many(n, 0, 12'241);
     const auto run = [&](const TileKernels& kernels, bool is_light) {
       const auto count = static_cast<size_t>(n_tiles);
       Tiles out{std::vector<int32_t>(n),
                 std::vector<int32_t>(count),
                 std::vector<int32_t>(count),
                 std::vector<int32_t>(count),
-                near,
+                min_grey,
                 columns,
                 columns,
                 std::vector<int16_t>(n)};
@@ -207,20 +207,20 @@ TEST(Kernels, TilesOfDotsAreTheSameAtAnySize) {
                        .is_light = is_light,
                        .grey = grey.data(),
                        .column_sum = out.column.data(),
-                       .near = out.near.data(),
-                       .far = out.far.data(),
+                       .min_grey = out.min_grey.data(),
+                       .max_grey = out.max_grey.data(),
                        .sum = out.sum.data()});
       const int by = 1 + width % 5;
       if (width > by) kernels.widen(out.wide.data(), width - by, by);
-      kernels.add(out.added.data(), near.data(), width);
+      kernels.add(out.added.data(), min_grey.data(), width);
       kernels.add_grey(out.levels.data(), grey.data(), width);
-      std::vector<int32_t> high = corners[0], low_most = most, low_near = near;
+      std::vector<int32_t> high = corners[0], signed_max = max_grey, signed_min = min_grey;
       for (size_t i = 0; i < n; ++i) {
         high[i] += insides[i];
-        if (is_light) low_most[i] *= -1;
-        if (is_light) low_near[i] *= -1;
+        if (is_light) signed_max[i] *= -1;
+        if (is_light) signed_min[i] *= -1;
       }
-      kernels.judge({.n_tiles = width,
+      kernels.bound({.n_tiles = width,
                      .is_light = is_light,
                      .threshold_q15 = is_light ? 62'259 : 3'932,
                      .area = 69 * 69,
@@ -231,16 +231,15 @@ TEST(Kernels, TilesOfDotsAreTheSameAtAnySize) {
                      .high_left = corners[0].data(),
                      .low_right = corners[1].data(),
                      .low_left = corners[1].data(),
-                     .near = low_near.data(),
-                     .most = low_most.data(),
+                     .min_grey = signed_min.data(),
+                     .max_grey_in_boxes = signed_max.data(),
                      .open = out.open.data()});
       return out;
     };
     for (const bool is_light : {false, true}) {
       const Tiles reference = run(kScalar.dots.tiles, is_light);
       for (size_t tile = 0; tile < static_cast<size_t>(n_tiles); ++tile) {
-        EXPECT_LE(is_light ? -reference.far[tile] : reference.near[tile],
-                  is_light ? -reference.near[tile] : reference.far[tile]);
+        EXPECT_LE(reference.min_grey[tile], reference.max_grey[tile]);
       }
       for (const Version& version : versions()) {
         EXPECT_EQ(run(version.kernels->dots.tiles, is_light), reference) << version.name << ", width " << width;
