@@ -178,8 +178,8 @@ def paced(connection: Connection, pad: Sliding) -> None:
         if wrench_at == allowed and (not residual_at or residual_at >= allowed - 1):
             allowed = pad.allow_one()
 
-    connection.on_turn = begin
     connection.messages.append = keep_and_allow  # type: ignore[method-assign]
+    connection.on_turn = begin  # last: another thread may take a turn at once, and what it allows must be heard
 
 
 def test_it_comes_to_who_asks_and_is_recorded_and_exported(tmp_path: Path, twin: Twin) -> None:
@@ -189,8 +189,9 @@ def test_it_comes_to_who_asks_and_is_recorded_and_exported(tmp_path: Path, twin:
                 assert frame.residual is None, "nobody asked"
         pad.allow_one()  # the camera waits until the next host has subscribed
         with ruffini.connect(port, residual=2) as sensor:
+            every = sensor.frames()  # subscribes, and only then the camera may go on: else nobody hears of its frame
             paced(sensor._connection, pad)
-            asked = itertools.dropwhile(lambda frame: frame.residual is None, sensor.frames())
+            asked = itertools.dropwhile(lambda frame: frame.residual is None, every)
             frames = list(itertools.islice(asked, 12))
         with Connection(port) as host:
             paced(host, pad)
