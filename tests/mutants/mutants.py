@@ -32,7 +32,11 @@ REPO = Path(__file__).parents[2]
 TIMEOUT_S = 300.0
 MEMORY_BYTES = 2 << 30  # of a C++ test program: a bug that never stops collecting would take the computer
 HOST_TARGETS = ("ruffini", "ruffini_schema", "ruffini_infer", "ruffini_pictures")  # what the host tool loads
-BUILD_TARGETS_OF = {"tests/bitexact": ("ruffini_stages", "ruffini"), "tests/py/client": ("ruffini_client_door",)}
+BUILD_TARGETS_OF = {
+    "tests/bitexact": ("ruffini_stages", "ruffini"),
+    "tests/py/client": ("ruffini_client_door",),
+    "tests/py/api": ("ruffini_client_door", "ruffinid"),
+}
 SUITE = re.compile(r"^(?:TYPED_)?TEST(?:_[FP])?\(\s*(\w+)", re.M)
 
 
@@ -59,8 +63,8 @@ def layer_of(name: str, commands: dict[str, str]) -> Layer:
     """A layer by its name in seeded_bugs.toml, or that of one test file."""
     if name in commands:
         command = commands[name]
-        targets = re.findall(r"\{build\}/(\w+)", command) or ["ruffinid"]
-        return Layer(name, command, tuple(targets))
+        of_folders = {one for folder, targets in BUILD_TARGETS_OF.items() if folder in command for one in targets}
+        return Layer(name, command, tuple(re.findall(r"\{build\}/(\w+)", command) or sorted({"ruffinid", *of_folders})))
     if not (REPO / name).exists():
         raise SystemExit(f"layer {name!r} is neither in [layers] nor a test file")
     if name.endswith(".cpp"):
