@@ -11,7 +11,7 @@ namespace ruffini {
 template <typename L>
 class DotTileLanes {
  public:
-  static constexpr TileKernels kernels() { return {measure, widen, bound, add, add_grey}; }
+  static constexpr TileKernels kernels() noexcept { return {measure, widen, bound, add, add_grey}; }
 
  private:
   static void measure(const TileRow& given) {
