@@ -182,7 +182,8 @@ TEST(Kernels, TilesOfDotsAreTheSameAtAnySize) {
     const auto n = static_cast<size_t>(width);
     const auto many = [&](size_t count, int from, int to) {
       std::vector<int32_t> out(count);
-      for (int32_t& v : out) v = from + static_cast<int32_t>(random() % static_cast<unsigned>(to - from));
+      for (int32_t& v : out)
+        v = from + static_cast<int32_t>(random() % (static_cast<unsigned>(to) - static_cast<unsigned>(from)));
       return out;
     };
     std::vector<uint16_t> grey(n * static_cast<size_t>(n_rows));
