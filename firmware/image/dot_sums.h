@@ -41,6 +41,22 @@ struct DotSums {
 };
 using DotSumsRun = DotSums (*)(const DotWindow& window);
 
+inline constexpr int kLumaLanes = 8;  // pixels at a time
+
+// Luma of a window whose side is at least kLumaLanes: `eight` makes that of the eight pixels that begin at its first
+// argument. A row's last eight overlap those before, so that no byte beyond the row is read.
+template <typename Eight>
+void make_luma(const DotWindow& window, Eight eight) {
+  for (int row = 0; row < window.side; ++row) {
+    const uint8_t* at = window.pixels + row * window.stride;
+    int16_t* out = window.luma + ptrdiff_t{row} * window.side;
+    for (int x = 0; x < window.side; x += kLumaLanes) {
+      const int from = x + kLumaLanes <= window.side ? x : window.side - kLumaLanes;
+      eight(at + ptrdiff_t{3} * from, out + from);
+    }
+  }
+}
+
 // The reference. Not inline: a copy compiled for AVX2 must not take its place.
 DotSums dot_sums_scalar(const DotWindow& window);
 

@@ -29,17 +29,10 @@ inline int64_t sum_of_lanes_avx2(__m256i v) {
 }
 
 inline DotSums dot_sums_avx2(const DotWindow& given) {
-  constexpr int kPixels = 8;
   const DotWindow window = given;  // a copy that no store can change stays in registers
-  if (window.side < kPixels) return dot_sums_scalar(window);
-  for (int row = 0; row < window.side; ++row) {
-    const uint8_t* at = window.pixels + row * window.stride;
-    int16_t* out = window.luma + ptrdiff_t{row} * window.side;
-    for (int x = 0; x < window.side; x += kPixels) {
-      const int from = x + kPixels <= window.side ? x : window.side - kPixels;  // some again: no byte beyond is read
-      _mm_storeu_si128(reinterpret_cast<__m128i*>(out + from), luma_avx2(at + ptrdiff_t{3} * from));
-    }
-  }
+  if (window.side < kLumaLanes) return dot_sums_scalar(window);
+  make_luma(window,
+            [](const uint8_t* at, int16_t* out) { _mm_storeu_si128(reinterpret_cast<__m128i*>(out), luma_avx2(at)); });
   const auto load = [](const int16_t* at) { return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(at)); };
   const auto between = [](__m256i a, __m256i b, __m256i share) {
     return _mm256_add_epi16(a, _mm256_mulhrs_epi16(_mm256_sub_epi16(b, a), share));

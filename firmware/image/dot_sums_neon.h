@@ -20,17 +20,9 @@ inline int16x8_t luma_neon(const uint8_t* at) {
 }
 
 inline DotSums dot_sums_neon(const DotWindow& given) {
-  constexpr int kPixels = 8;
   const DotWindow window = given;  // a copy that no store can change stays in registers
-  if (window.side < kPixels) return dot_sums_scalar(window);
-  for (int row = 0; row < window.side; ++row) {
-    const uint8_t* at = window.pixels + row * window.stride;
-    int16_t* out = window.luma + ptrdiff_t{row} * window.side;
-    for (int x = 0; x < window.side; x += kPixels) {
-      const int from = x + kPixels <= window.side ? x : window.side - kPixels;  // some again: no byte beyond is read
-      vst1q_s16(out + from, luma_neon(at + ptrdiff_t{3} * from));
-    }
-  }
+  if (window.side < kLumaLanes) return dot_sums_scalar(window);
+  make_luma(window, [](const uint8_t* at, int16_t* out) { vst1q_s16(out, luma_neon(at)); });
   struct Total {
     int32x4_t low = vdupq_n_s32(0);
     int32x4_t high = vdupq_n_s32(0);
@@ -44,7 +36,7 @@ inline DotSums dot_sums_neon(const DotWindow& given) {
     return vaddq_s16(a, vqrdmulhq_n_s16(vsubq_s16(b, a), share));
   };
   Total h_x, h_y, sum, square, common;
-  for (int i = 0; i < window.n_values; i += kPixels) {
+  for (int i = 0; i < window.n_values; i += kLumaLanes) {
     const int16_t* at = window.luma + i;
     const int16x8_t above = between(vld1q_s16(at), vld1q_s16(at + 1), window.share_x);
     const int16x8_t below = between(vld1q_s16(at + window.side), vld1q_s16(at + window.side + 1), window.share_x);

@@ -113,7 +113,7 @@ Bytes play(Run run) {
       }
       return status;
     };
-    // The clock may stand still then, so the daemon does not end by itself.
+    // Where the clock stands still the daemon never finds the line quiet, so it is stopped here.
     const auto stop_if_over = [&] { stop = is_over.load(); };
     Daemon daemon(run.scene.board, path_of(run.scene, run.path_clock),
                   DaemonDevices{.clock = run.clock,

@@ -134,7 +134,7 @@ def play(board: Board, calibration: bytes, recorded: Recorded) -> Played:
             if i >= first:
                 wrench.append(frame.wrench)
                 rows.append(core.modelled())
-                is_valid.append(frame.wrench_validity[NORMAL] == VALID)
+                is_valid.append(np.array(frame.wrench_validity) == VALID)
                 sigma.append(deviations(core.covariance()))
                 fall.append(core.profile().fall_q16 / 65536)
     force = recorded.rig["force"]
@@ -251,7 +251,7 @@ def _hardness(played: list[Played]) -> dict[str, Any]:
 
 def _unmarked(played: list[Played]) -> dict[str, float]:
     """Valid normal forces beyond 5 sigma and 5 % of full scale; root mean square of error over sigma."""
-    valid = [p.is_valid for p in played]
+    valid = [p.is_valid[:, NORMAL] for p in played]
     error = np.concatenate([(p.wrench - p.truth)[v, NORMAL] for p, v in zip(played, valid, strict=True)])
     sigma = np.concatenate([p.sigma[v, NORMAL] for p, v in zip(played, valid, strict=True)])
     is_wrong = np.abs(error) > np.maximum(UNMARKED_SIGMAS * sigma, UNMARKED_PART * FULL_SCALE_N)
@@ -265,8 +265,8 @@ def _stated(straight: list[Played], sheared: list[Played]) -> dict[str, Coverage
     for name, runs in (("", straight), (", sheared", sheared)):
         if not runs:
             continue
-        error = np.concatenate([(p.wrench - p.truth)[p.is_valid] for p in runs]) * TO_NMM
-        sigma = np.concatenate([p.sigma[p.is_valid] for p in runs]) * TO_NMM
+        error = np.concatenate([np.where(p.is_valid, p.wrench - p.truth, np.nan) for p in runs]) * TO_NMM
+        sigma = np.concatenate([p.sigma for p in runs]) * TO_NMM
         axes = (AXES[0], AXES[1], AXES[2], AXES[5]) if name else AXES[2:3]
         out |= {f"{axis}{name}": coverage(error[:, i], sigma[:, i]) for i, axis in enumerate(AXES) if axis in axes}
         off = np.concatenate([p.of("gel_depth_um") * 1e-3 - p.gel_mm for p in runs])

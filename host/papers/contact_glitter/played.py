@@ -25,7 +25,7 @@ class Played:
     truth: Array
     reference: Array
     rows: list[ModelledRow]
-    is_valid: npt.NDArray[np.bool_]  # of the normal force
+    is_valid: npt.NDArray[np.bool_]  # (t, 6)
     sigma: Array  # (t, 6) that it states
     fall: Array
 
