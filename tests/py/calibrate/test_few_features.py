@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from kept import kept
 
-from ruffini.estimators.wrench.few_features import noise_of_untouched
+from ruffini.estimators.wrench.few_features import FittedFrames, noise_of_untouched, stated
 from ruffini.estimators.wrench.fit import fit_wrench_map
 from ruffini.estimators.wrench.log import FeatureRun
-from ruffini.estimators.wrench.model import TO_NMM, frames_of
+from ruffini.estimators.wrench.model import TO_NMM, Frames, frames_of
 
 N_FEATURES, N_REST, N_FRAMES, RATE_HZ = 9, 6, 40, 30.0
 FULL = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])  # N, N mm
@@ -37,6 +37,33 @@ def test_noise_alone_is_all_noise(n: int) -> None:
         found = noise_of_untouched(rows)
         assert (found.weight == 1).all()
         assert found.covariance == pytest.approx(rows.T @ rows / n, rel=1e-6, abs=1e-6)
+
+
+def rest_and_load(size: float, *, reference: float, moved: float) -> tuple[FittedFrames, Frames]:
+    """200 frames at rest and 200 under a load, of an exact map of noise 1; deviations of the reference's noise, and of
+    the features' under load over that at rest.
+    """
+    rng, n = np.random.default_rng(4), 400
+    is_loaded = np.arange(n) >= n // 2
+    sizes = np.where(is_loaded, size, 0.0)
+    noise = rng.normal(size=(n, N_FEATURES)) * np.where(is_loaded, moved, 1.0)[:, None]
+    seen = FittedFrames(rng.normal(size=(n, 6)), sizes, noise, reference * rng.normal(size=(n, 6)), is_loaded)
+    one_run = np.zeros(n, np.intp)
+    degrees = frames_of(recordings(0, 1), 0.0).degrees
+    return seen, Frames(noise, np.zeros((n, 6)), np.arange(n) / RATE_HZ, one_run, degrees, one_run, one_run)
+
+
+@pytest.mark.parametrize("size", [0.3, 0.9])
+def test_a_moved_target_is_noisier_also_in_a_log_of_heavy_loads_alone(size: float) -> None:
+    constant, _ = stated(*rest_and_load(size, reference=0.0, moved=3.0), np.ones(6), N_FEATURES)
+    assert np.sqrt(np.diag(constant)) == pytest.approx(np.full(6, 3.0), rel=0.2)
+
+
+def test_what_the_references_noise_leaves_in_the_terms_is_stated() -> None:
+    n_terms, size, reference = 100, 0.7, 10.0
+    _, growing = stated(*rest_and_load(size, reference=reference, moved=1.0), np.ones(6), n_terms)
+    standard_error = reference * np.sqrt(n_terms / 400 / (size**2 / 2))
+    assert np.sqrt(np.diag(growing)) == pytest.approx(np.full(6, standard_error), rel=0.2)
 
 
 def recordings(first: int, n: int) -> list[FeatureRun]:

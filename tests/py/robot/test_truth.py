@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 from kept import kept
-from worlds import BOARD, lying, scale
+from worlds import BOARD, lying, scale, standing
 
 from ruffini.robot import World
 
@@ -36,6 +36,16 @@ def test_the_streamed_wrench_is_what_mujoco_measures_under_the_pad(world, geom, 
     assert np.abs(frame.wrench.force - true[:3]).max() < 0.05 * np.linalg.norm(true[:3])
     arm_m = 5e-3  # moments are compared as forces at this arm
     assert np.abs(frame.wrench.torque - true[3:]).max() < arm_m * (0.05 * np.linalg.norm(true[:3]) + 0.05)
+
+
+def test_a_plane_carries_what_stands_on_it_and_is_not_felt_from_afar(world):
+    one = world(standing(above_m=0.05), is_feeling=False)
+    one.step()
+    assert not one.pads["pad"].wrench.any()
+    one.data.qpos[0] = -0.05
+    for _ in range(40):
+        one.step()
+    assert one.pads["pad"].wrench[:3] == pytest.approx([0, 0, -0.2 * 9.81], abs=0.02)
 
 
 def test_it_slips_at_the_load_of_its_friction(world):

@@ -23,3 +23,12 @@ def scale(geom: str, *, step_s: float = 1e-3, friction: float = 0.6) -> str:
     <geom {geom} mass="0.2" friction="{friction} .005 .0001"/></body></worldbody>
     <actuator><motor joint="x"/><motor joint="y"/><motor joint="z"/></actuator>
     <sensor><force site="pad"/><torque site="pad"/></sensor></mujoco>"""
+
+
+def standing(*, above_m: float, mass: float = 0.2) -> str:
+    """A finger whose pad looks down stands on a plane, or is `above_m` over it."""
+    return f"""<mujoco><option timestep=".001" integrator="implicitfast"/><worldbody>
+    <geom type="plane" size="1 1 .1"/><body name="finger" pos="0 0 {above_m}">
+    <joint type="slide" axis="0 0 1" damping="5"/>
+    <geom type="box" size=".01 .008 .005" pos="0 0 .01" mass="{mass}" contype="0" conaffinity="0"/>
+    <site name="pad" zaxis="0 0 -1"/></body></worldbody></mujoco>"""
