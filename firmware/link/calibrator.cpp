@@ -178,6 +178,7 @@ Status Calibrator::commit() {
     if (stored) active_index_ = 0;
   }
   if (!stored) return stored;
+  synced();
   abort();
   problem_.clear();
   activate(std::move(prepared).value());
@@ -202,7 +203,7 @@ std::optional<TrialEnd> Calibrator::poll() {
       "): what was before is in force again; see that its light is on and nothing is before the lens, and flash again";
   revert();
   problem_ = why + (problem_.empty() ? "" : "; " + problem_);
-  return TrialEnd{false, problem_};
+  return TrialEnd{false, false, problem_};
 }
 
 TrialEnd Calibrator::confirm() {
@@ -210,17 +211,27 @@ TrialEnd Calibrator::confirm() {
   is_on_trial_ = false;
   if (confirmed) {
     active_index_ = 0;
-    return {true, "the new calibration is in force"};
+    return {true, true, "the new calibration is in force"};
   }
   problem_ = confirmed.error().message;
   if (store_.reject()) {  // the medium still has it on trial
     const std::string why = problem_;
     revert();
     problem_ = why + "; what was before is in force again";
-  } else {
-    problem_ += "; the new calibration is in force, and may not be so after a power cut";
+    return {false, false, problem_};
   }
-  return {false, problem_};
+  is_durable_ = false;
+  problem_ += "; the new calibration is in force, and may not be so after a power cut: flash it again";
+  return {false, true, problem_};
+}
+
+void Calibrator::make_durable() {
+  if (!is_durable_ && store_.sync()) synced();
+}
+
+void Calibrator::synced() {
+  if (!is_durable_) problem_.clear();
+  is_durable_ = true;
 }
 
 void Calibrator::revert() {
@@ -243,6 +254,7 @@ Status Calibrator::undo() {
     if (prepared) {
       Status undone = store_.undo(n);
       if (!undone) return undone;
+      synced();
       active_index_ = 0;
       activate(std::move(prepared).value());
       return undone;

@@ -41,7 +41,8 @@ struct TrialRule {
 
 // How a trial ended.
 struct TrialEnd {
-  bool is_confirmed = false;
+  bool is_confirmed = false;  // in force, and durable
+  bool is_in_force = false;
   std::string text;  // for people
 };
 
@@ -71,6 +72,11 @@ class Calibrator {
   [[nodiscard]] Status undo();
   // Returns the end of the trial once. Call regularly.
   [[nodiscard]] std::optional<TrialEnd> poll();
+  // Repeats the sync that failed when a trial ended well, if it did: until it succeeds, a power cut may restore the
+  // previous calibration, and problem() says so.
+  void make_durable();
+  // False: that sync has not succeeded yet.
+  [[nodiscard]] bool is_durable() const { return is_durable_; }
 
   [[nodiscard]] uint64_t next_offset() const { return upload_.size(); }
   [[nodiscard]] bool is_receiving() const { return is_receiving_; }
@@ -96,6 +102,8 @@ class Calibrator {
   [[nodiscard]] Prepared prepare_stored();
   void activate(Prepared prepared);
   [[nodiscard]] TrialEnd confirm();
+  // The folder's sync has succeeded.
+  void synced();
   // Returns to the calibration in force on the medium.
   void revert();
 
@@ -107,6 +115,7 @@ class Calibrator {
   KeyRing keys_;
   std::vector<uint8_t> factory_;
   bool is_on_trial_ = false;
+  bool is_durable_ = true;   // what is in force is so after a power cut, unless it is on trial
   size_t active_index_ = 0;  // index among the stored files, newest first: an undo during a trial returns to it
   std::string problem_;
   ClockFunction clock_ = nullptr;

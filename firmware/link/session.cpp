@@ -217,6 +217,7 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
       break;
     }
     case ruffini_Command_flash_query_tag: {
+      calibrator_.make_durable();
       const auto& wanted = request.action.flash_query.sha256;
       const std::string& active = calibrator_.active().sha256;  // empty: no calibration is in force
       if (!active.empty() && active.size() == wanted.size &&
@@ -241,6 +242,7 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
 void Session::report_trial(ruffini_Reply& reply) const {
   if (!calibrator_.is_on_trial()) {
     reply.flash_state = ruffini_FlashState_FLASH_STATE_ACTIVE;
+    if (!calibrator_.is_durable()) reply.code = ruffini_ReplyCode_REPLY_STORAGE;
     copy_text(reply.text, calibrator_.problem());
     return;
   }
@@ -333,7 +335,7 @@ void Session::poll(uint64_t now_us) {
   if (const std::optional<TrialEnd> end = calibrator_.poll()) {
     const auto severity =
         end->is_confirmed ? ruffini_Event_Severity_SEVERITY_INFO : ruffini_Event_Severity_SEVERITY_ERROR;
-    send_event(now_us, severity, end->is_confirmed ? "calibration_active" : "calibration_reverted", end->text);
+    send_event(now_us, severity, end->is_in_force ? "calibration_active" : "calibration_reverted", end->text);
   }
   watch_camera(now_us);
   watch_zero(now_us);

@@ -49,6 +49,8 @@ class SlotStore {
   [[nodiscard]] Status confirm(uint32_t epoch = 0, size_t before = 0);
   // Ends the trial; the file in force stays. Precondition: there is a trial.
   [[nodiscard]] Status reject();
+  // Makes what the last calls did to the names durable, once more if their own sync failed.
+  [[nodiscard]] Status sync() { return medium_->sync_folder(); }
   // True if open() found an unfinished trial and removed it.
   [[nodiscard]] bool has_discarded_trial() const { return has_discarded_trial_; }
   // Puts the n-th newest file in force, durably. A second call reverts the first. Precondition: there is such a file.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Callable
@@ -51,10 +52,11 @@ def test_a_snapshot_without_a_picture_ends(tmp_path: Path, monkeypatch: pytest.M
 class Flashed(ToldSensor):
     """Takes an upload; `trial` says how many frames a query is told, by its number; None: it is in force."""
 
-    def __init__(self, trial: Callable[[int], int | None]) -> None:
+    def __init__(self, trial: Callable[[int], int | None], in_force: dict[str, Any] | None = None) -> None:
         board = find_board("gelslim")
         super().__init__([info_of(board)], lambda *_: {}, rate_hz=None)
         self._trial, self.n_queries, self.n_commands = trial, 0, 0
+        self._in_force = {"flash_state": ACTIVE, **(in_force or {})}
 
     def _answer(self, frame: Any) -> None:
         if SCHEMA.type_name(frame.type) != "COMMAND":
@@ -70,7 +72,7 @@ class Flashed(ToldSensor):
         elif action == "flash_query":
             value = self._trial(self.n_queries)
             self.n_queries += 1
-            fields = {"flash_state": ACTIVE} if value is None else {"flash_state": DURABLE, "value": value}
+            fields = self._in_force if value is None else {"flash_state": DURABLE, "value": value}
         self._send("REPLY", SCHEMA.new("Reply", request_id=command.request_id, **fields), 255)
 
 
@@ -89,6 +91,18 @@ def test_a_trial_without_end(
     monkeypatch.setattr(flashing, "TRIAL_POLL_S", 0.0)
     with Flashed(trial) as device, Connection(device.port) as host, pytest.raises(error, match=words):
         host.flash(FILE)
+
+
+@pytest.mark.parametrize("is_flashed_before", [False, True])
+def test_a_flash_that_a_power_cut_may_undo_is_no_success(is_flashed_before: bool) -> None:
+    """Nor is a second one, of the file that is in force already."""
+    storage = {"code": SCHEMA.enum_number("ReplyCode", "REPLY_STORAGE"), "text": "may not be so after a power cut"}
+    with Flashed(lambda _: None, storage) as device:
+        if is_flashed_before:
+            device._hello.sensors[0].calibration.sha256 = hashlib.sha256(FILE).digest()
+        with Connection(device.port) as host, pytest.raises(VerifyError, match="may not be so after a power cut"):
+            host.flash(FILE)
+    assert device.n_queries == 1
 
 
 def test_another_sensor_on_the_line_gets_no_commit() -> None:

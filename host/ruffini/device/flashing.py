@@ -36,7 +36,7 @@ def flash(sensor: Line, data: bytes, progress: Callable[[float], None], say: Cal
 
     def install() -> Any:
         if sensor.hello.sensors[0].calibration.sha256 == sha256:  # a commit whose reply was lost
-            return sensor.command(flash_query={"sha256": sha256})
+            return _durable(sensor, sensor.command(flash_query={"sha256": sha256}))
         _upload(sensor, data, sha256, progress)
         sensor.refresh_hello()  # the device that commits must be the one that received the file
         return _in_force(sensor, flash_commit={})
@@ -142,12 +142,17 @@ def _upload(sensor: Line, data: bytes, sha256: bytes, progress: Callable[[float]
         progress(offset / len(data))
 
 
+def _durable(sensor: Line, reply: Any) -> Any:
+    """Return the reply unless it says that the medium failed: a power cut may then restore what was before."""
+    if reply.code == sensor.schema.enum_number("ReplyCode", "REPLY_STORAGE"):
+        raise VerifyError(f"{sensor.port}: {reply.text}")
+    return reply
+
+
 def _in_force(sensor: Line, **action: Any) -> Any:
     """Send a command that puts a calibration in force, on trial or for good, and refresh HELLO."""
     reply = sensor.command(**action, waits_s=COMMIT_WAITS_S)
-    if reply.code == sensor.schema.enum_number("ReplyCode", "REPLY_STORAGE"):
-        raise VerifyError(f"{sensor.port}: {reply.text}")
-    if reply.code or reply.flash_state not in (FLASH_DURABLE, FLASH_ACTIVE):
+    if _durable(sensor, reply).code or reply.flash_state not in (FLASH_DURABLE, FLASH_ACTIVE):
         raise RefusedError(f"{sensor.port}: {reply.text}")
     sensor.refresh_hello()
     return reply
@@ -170,9 +175,7 @@ def _end_of_trial(sensor: Line, sha256: bytes, say: Callable[[str], None]) -> An
         if reply.text != said:
             say(said := reply.text)
         time.sleep(TRIAL_POLL_S)
-    if reply.code:
+    if _durable(sensor, reply).code:
         raise RefusedError(f"{sensor.port}: {reply.text}")
-    if reply.text:  # in force, but not as it should be
-        raise VerifyError(f"{sensor.port}: {reply.text}")
     sensor.refresh_hello()
     return reply

@@ -140,8 +140,26 @@ TEST_F(CalibratorFaults, ATrialThatCannotBeConfirmedGoesBackAndSaysWhy) {
     EXPECT_EQ(exchange_.next_path.load()->calibration_id() != 0, is_renamed);
     const char* said = is_renamed ? "may not be so after a power cut" : "rename failed; what was before";
     EXPECT_NE(end->text.find(said), std::string::npos) << end->text;
+    EXPECT_EQ(end->is_in_force, is_renamed);
     EXPECT_EQ(calibrator.problem(), end->text);
   }
+}
+
+// The rename is seen, its sync has failed: a power cut may take it back until a later sync.
+TEST_F(CalibratorFaults, ASyncThatFailedAtATrialsEndIsRepeated) {
+  Calibrator& calibrator = start({});
+  ASSERT_TRUE(commit(calibrator));
+  show(32, 32);
+  medium_->fails = FailingMedium::after(Call::kSyncFolder);
+  ASSERT_TRUE(calibrator.poll().has_value());
+  calibrator.make_durable();
+  EXPECT_NE(calibrator.problem().find("may not be so after a power cut"), std::string::npos);
+  EXPECT_EQ(medium_->names_after(0).count(kFirst), 0U);
+  medium_->fails = nothing;
+  calibrator.make_durable();
+  EXPECT_EQ(calibrator.problem(), "");
+  EXPECT_EQ(medium_->names_after(0).count(kFirst), 1U);
+  EXPECT_FALSE(calibrator.poll().has_value());
 }
 
 TEST_F(CalibratorFaults, ATrialThatEndsBadlySaysAlsoWhatIsWrongWithTheFileBefore) {

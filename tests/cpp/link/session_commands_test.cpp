@@ -3,8 +3,10 @@
 
 #include <array>
 #include <cstring>
+#include <memory>
 #include <string>
 
+#include "support/failing_medium.h"
 #include "support/install.h"
 #include "support/session_fixture.h"
 #include "support/signed_calibration.h"
@@ -124,6 +126,48 @@ TEST_F(SessionCommands, UndoIsActiveAtOnceAndAQueryIsOfTheWholeHash) {
   EXPECT_EQ(undone.flash_state, ruffini_FlashState_FLASH_STATE_ACTIVE);
   EXPECT_EQ(query(sha256(before)).flash_state, ruffini_FlashState_FLASH_STATE_ACTIVE);
   EXPECT_EQ(query(sha256(now)).code, ruffini_ReplyCode_REPLY_REFUSED);
+  delete exchange_.next_path.exchange(nullptr);
+}
+
+// The medium failed just when the trial ended; each query tries again.
+TEST_F(SessionCommands, WhatAPowerCutMayUndoIsNotSaidToBeDone) {
+  const BoardSettings board = test::round_board();
+  const Bytes file = test::sign(test::diagonal_calibration(board));
+  auto made = std::make_unique<test::FailingMedium>();
+  test::FailingMedium& medium = *made;
+  Calibrator calibrator(board, "0042", SlotStore::open(std::move(made)), exchange_);
+  std::string problem;
+  const auto path = calibrator.start([] { return uint64_t{0}; }, problem).value();
+  Session session(board, *path, {.serial = "0042", .version = "test"}, calibrator, exchange_, {clock_, random_});
+  ASSERT_TRUE(calibrator.begin(file.size(), sha256(file)));
+  ASSERT_TRUE(calibrator.chunk(0, file));
+  ASSERT_TRUE(calibrator.commit());
+  exchange_.tally = PathTally{exchange_.next_path.load()->calibration_id(), 32, 32};
+  uint32_t id = 0;
+  const auto query = [&] {
+    ruffini_Command wanted = request(++id, ruffini_Command_flash_query_tag);
+    wanted.action.flash_query.sha256.size = 32;
+    const std::string hash = sha256(file);
+    std::copy(hash.begin(), hash.end(), wanted.action.flash_query.sha256.bytes);
+    session.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_COMMAND, encoded(wanted)));
+    ruffini_Reply reply = ruffini_Reply_init_zero;
+    EXPECT_TRUE(take(session, ruffini_Reply_fields, &reply));
+    return reply;
+  };
+  medium.fails = test::FailingMedium::after(test::Call::kSyncFolder);
+  session.poll(1);
+  ruffini_Event event = ruffini_Event_init_zero;
+  ASSERT_TRUE(take(session, ruffini_Event_fields, &event));
+  EXPECT_STREQ(event.what, "calibration_active");
+  EXPECT_EQ(event.severity, ruffini_Event_Severity_SEVERITY_ERROR);
+  const ruffini_Reply failed = query();
+  EXPECT_EQ(failed.code, ruffini_ReplyCode_REPLY_STORAGE);
+  EXPECT_EQ(failed.flash_state, ruffini_FlashState_FLASH_STATE_ACTIVE);
+  EXPECT_NE(std::string(failed.text).find("may not be so after a power cut"), std::string::npos) << failed.text;
+  medium.fails = [](test::Call, const std::string&) { return false; };
+  const ruffini_Reply done = query();
+  EXPECT_EQ(done.code, ruffini_ReplyCode_REPLY_OK);
+  EXPECT_STREQ(done.text, "");
   delete exchange_.next_path.exchange(nullptr);
 }
 
