@@ -273,11 +273,13 @@ class EmulatedPacketCell:
         self.asked.append(command)
         name, _, value = command.removeprefix("AT+").partition("=")
         is_known = name in ("SMPF", "SMPR", "SGDM", "GSD") and name not in self.refused
+        is_start = name == "GSD" and is_known and value != "STOP"
+        if name == "GSD" and is_known:  # before the answer: what is measured after it is sent
+            self.is_streaming = is_start
         if name not in self.ignored:
             self.send(f"ACK+{name}={value}${'OK' if is_known else 'ERROR'}\r\n".encode())
-        if name == "GSD" and is_known:
-            self.is_streaming = value != "STOP"
-            self.send(self.first if self.is_streaming else b"")
+        if is_start:
+            self.send(self.first)
 
 
 class EmulatedLogger:
