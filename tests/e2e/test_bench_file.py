@@ -37,7 +37,7 @@ from ruffini.estimators.task import Counts, Turned
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_machine import EmulatedMachine
 from ruffini.rig.emulated_person import EmulatedPerson
-from ruffini.rig.emulated_references import EmulatedLogger, EmulatedPage, EmulatedTextCell, Mount
+from ruffini.rig.emulated_references import EmulatedLogger, EmulatedPacketCell, EmulatedPage, EmulatedTextCell, Mount
 from ruffini.rig.found import is_held
 from ruffini.rig.frame_clock import FrameClock
 from ruffini.rig.log_file import Log, read_log
@@ -223,6 +223,27 @@ def test_presses_by_hand(bench_twin: Twin, tmp_path, monkeypatch, capsys, person
         with desk.running():
             _, log = desk.collect(monkeypatch, TEXT.format(port=cell.port) + LIMITS,
                                   "--program", "free", "--force-n", 0.8, "--n", 2)  # fmt: skip
+    for touch in log.touches:
+        assert -held(touch, "reference_wrench", "reference_s") == pytest.approx(touch.facts["force_n"], rel=0.25)
+
+
+def test_presses_by_hand_on_a_box_that_sends_packets(
+    bench_twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine
+) -> None:
+    with EmulatedPacketCell(1) as cell:
+        desk = Desk(bench_twin, tmp_path, person, capsys)
+        desk.bench.twin.listeners.append(cell.measure)
+        rig = f"""[reference]
+kind = "m8128"
+port = "{cell.port}"
+rate_hz = 1
+full_scale = [20.0, 20.0, 20.0, 0.5, 0.5, 0.5]
+sigma = [0.005, 0.005, 0.005, 0.00005, 0.00005, 0.00005]
+"""
+        with desk.running():
+            _, log = desk.collect(monkeypatch, rig + LIMITS, "--program", "free", "--force-n", 0.8, "--n", 2)
+    assert cell.asked[1] == "AT+SMPF=1"
+    assert log.found["reference"]["axes"] == ["fx", "fy", "fz", "tx", "ty", "tz"]
     for touch in log.touches:
         assert -held(touch, "reference_wrench", "reference_s") == pytest.approx(touch.facts["force_n"], rel=0.25)
 

@@ -182,6 +182,7 @@ def _by_log(
         emit({"file": str(out), "program": LOG, "state": "dry-run"}, json_, "a person presses; nothing moved")
         return
     log = LogWriter(out, {"board": board.name, "program": LOG, "tip": _tip(settings, options.ball_mm)})
+    gauges = None
     with contextlib.ExitStack() as stack:
         stack.enter_context(log.locked())
         if settings is None:
@@ -189,13 +190,13 @@ def _by_log(
             note(f"SIMULATED bench of {board.name}")
         else:
             assert isinstance(settings.reference, CsvSettings)
-            path = Path(settings.reference.path)
+            path, gauges = Path(settings.reference.path), settings.reference.gauges()
             parts = SensorParts(stack.enter_context(open_sensor()), TerminalPerson(note))
         if calibration is not None:
             parts.sensor.flash(container.read(calibration).data)
         watched = stack.enter_context(watched_stream(parts.sensor, board, parts.pace))
         record(watched.stream, parts.person, log, watched.session)
-        joined = join(log, path, watched.bad_flags, longest_gap_s=parts.pace.longest_gap_s)
+        joined = join(log, path, watched.bad_flags, longest_gap_s=parts.pace.longest_gap_s, gauges=gauges)
     for fault in joined.faults:
         note(f"left out: {fault}")
     mark = ", SIMULATED" if settings is None else ""

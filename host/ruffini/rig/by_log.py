@@ -17,7 +17,7 @@ from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
 from ruffini.rig.bench import Person
 from ruffini.rig.clock import MIN_CORRELATION, ClockFit, fit_curved
-from ruffini.rig.csv_log import read_csv_log
+from ruffini.rig.csv_log import Gauges, read_csv_log
 from ruffini.rig.cutting import Cut, cut, tare_of
 from ruffini.rig.found import estimate
 from ruffini.rig.log_file import LogWriter
@@ -74,8 +74,12 @@ def record(stream: StreamWatch, person: Person, log: LogWriter, session: str) ->
         raise failed[0]
 
 
-def join(log: LogWriter, csv_path: Path, bad_flags: dict[int, str], *, longest_gap_s: float) -> Joined:
+def join(
+    log: LogWriter, csv_path: Path, bad_flags: dict[int, str], *, longest_gap_s: float, gauges: Gauges | None = None
+) -> Joined:
     """Touches of the stored stream, with the CSV's wrench on the host's clock; finishes the log.
+
+    A CSV of voltages needs its `gauges`.
 
     Raises
     ------
@@ -84,7 +88,7 @@ def join(log: LogWriter, csv_path: Path, bad_flags: dict[int, str], *, longest_g
         repeated.
     """
     window, session = _kept(log)
-    wrenches = read_csv_log(csv_path)
+    wrenches = read_csv_log(csv_path, gauges)
     wrench = wrenches.wrench - tare_of(str(csv_path), wrenches.wrench)
     stream_s = np.array([f.stream_s for f in window.frames])
     host_s = np.array([f.host_s for f in window.frames])

@@ -4,7 +4,8 @@ Names of columns say what they are and in which unit: time_s, fx_N .. tz_Nmm, m0
 change of the marker's area), m0_dz_mm, m0_x_px, m0_y_px (where it is at rest), m0_x_mm, m0_y_mm (likewise, from the
 pad's centre), x_mm y_mm z_mm (the tip), touch (number, 0 = nothing touches; without it touches are cut where the force
 exceeds 0.09 N). With m0_dz_mm, the places in mm and a board the log gets the nodes' displacement, for `cal fit`. Other
-names are renamed by a TOML file: our name = "theirs", with {i} for the marker's number.
+names are renamed by a TOML file: our name = "theirs", with {i} for the marker's number. Its table [gauges], with
+columns and matrix as in a bench's file, makes wrenches of six voltages.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.files import readable
 from ruffini.older_python import tomllib
-from ruffini.rig.csv_log import Table, read_table, wrench_log
+from ruffini.rig.csv_log import Gauges, Table, gauges_of, read_table, wrench_log
 from ruffini.rig.cutting import Cut, cut, tare_of
 from ruffini.rig.log_file import Log, TouchRecord
 
@@ -51,8 +52,9 @@ def convert(path: Path, columns: Path | None = None, board: Board | None = None)
     InputError
         No time, no force, a marker that lacks a column, columns in different units, or no touch.
     """
-    table = read_table(path, _names(columns) if columns else None)
-    time_s, wrench = wrench_log(table)
+    names, gauges = _names(columns) if columns else ({}, None)
+    table = read_table(path, names)
+    time_s, wrench = wrench_log(table, gauges)
     markers, tip = _markers(table), _tip(table)
     if TOUCH in table.names:
         cuts = _numbered(str(path), time_s, table.column(TOUCH))
@@ -66,14 +68,14 @@ def convert(path: Path, columns: Path | None = None, board: Board | None = None)
     return Log(facts, touches, {"reference": reference})
 
 
-def _names(path: Path) -> dict[str, str]:
-    """Our name of each of their columns, as a TOML file says it."""
+def _names(path: Path) -> tuple[dict[str, str], Gauges | None]:
+    """Our name of each of their columns and what gauges there are, as a TOML file says it."""
     try:
         file = tomllib.loads(readable(path).read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     ours, n_markers = file.get("columns", {}), file.get("n_markers", 0)
-    unknown = sorted(file.keys() - {"columns", "n_markers", "first"})
+    unknown = sorted(file.keys() - {"columns", "n_markers", "first", "gauges"})
     if unknown or not isinstance(ours, dict) or not all(isinstance(v, str) for v in ours.values()):
         raise InputError(f"{path}: {unknown[0] if unknown else 'columns'}: unknown, or no table of names: "
                          'give [columns] with lines such as fz_N = "Load"')  # fmt: skip
@@ -87,7 +89,18 @@ def _names(path: Path) -> dict[str, str]:
             })  # fmt: skip
         else:
             out[theirs] = name
-    return out
+    return out, _gauges(path, file.get("gauges"))
+
+
+def _gauges(path: Path, found: object) -> Gauges | None:
+    if found is None:
+        return None
+    if not isinstance(found, dict) or found.keys() != {"columns", "matrix"}:
+        raise InputError(f"{path}: gauges: give [gauges] with columns and matrix, and nothing else")
+    try:
+        return gauges_of(found["columns"], found["matrix"])
+    except InputError as error:
+        raise InputError(f"{path}: gauges: {error}") from error
 
 
 def _markers(table: Table) -> Markers | None:

@@ -1,4 +1,4 @@
-"""Reader of wrenches in a CSV of another program: a time column, and columns named by axis and unit."""
+"""Reader of wrenches in a CSV of another program: a time column, and columns named by axis and unit, or voltages."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import csv
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,8 @@ Array = npt.NDArray[np.float64]
 
 COLUMN = re.compile(r"(f|t)([xyz])\s*(?:_|\[|\()\s*([A-Za-z·-]+)\s*[\])]?", re.IGNORECASE)
 TIME = re.compile(r"(?:time|t|timestamp)\s*(?:_|\[|\()\s*(s|ms|us|ns)\s*[\])]?", re.IGNORECASE)
+N_GAUGES = 6
+MAX_CONDITION = 1e6  # of a matrix with rows of length 1: a sensor's is below 100
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -28,6 +30,46 @@ class WrenchLog(NamedTuple):
 
     time_s: Array
     wrench: Array
+
+
+class Gauges(NamedTuple):
+    """Columns of the voltages of six gauges, and the matrix (6, 6) to Fx Fy Fz Tx Ty Tz, N and N m per volt."""
+
+    columns: list[str]
+    matrix: Array
+
+
+def gauges_of(columns: object, matrix: object) -> Gauges:
+    """Gauges from a file's `columns` (six names) and `matrix` (six rows of six numbers).
+
+    Raises
+    ------
+    InputError
+        One is missing or of another shape, a name occurs twice, or the matrix is not finite or singular.
+    """
+    if not _is_six(columns, str) or len(set(columns)) < N_GAUGES:
+        raise InputError(f"columns must be {N_GAUGES} different names of columns of voltages, in the order of the "
+                         f"matrix's columns, not {columns!r}")  # fmt: skip
+    if not _is_six(matrix, list) or not all(_is_six(row, (int, float)) for row in matrix):
+        raise InputError("matrix must be six rows (Fx Fy Fz Tx Ty Tz) of six numbers, N and N m per volt: copy it "
+                         "from the certificate")  # fmt: skip
+    rows = np.array(matrix, np.float64)
+    if not np.isfinite(rows).all():
+        axis = AXES[int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])]
+        raise InputError(f"matrix has a number in row {axis} that is not finite: copy it from the certificate")
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)  # forces and moments differ in unit
+    if not sizes.all() or np.linalg.cond(rows / sizes) > MAX_CONDITION:
+        raise InputError("matrix is singular: a row or column is zero, or depends on others: compare it with the "
+                         "certificate")  # fmt: skip
+    return Gauges(columns, rows)
+
+
+def _is_six(values: object, kind: type | tuple[type, ...]) -> TypeGuard[list[Any]]:
+    return (
+        isinstance(values, list)
+        and len(values) == N_GAUGES
+        and all(isinstance(v, kind) and not isinstance(v, bool) for v in values)
+    )
 
 
 class Table(NamedTuple):
@@ -87,31 +129,33 @@ def read_table(path: Path, renamed: Mapping[str, str] | None = None) -> Table:
     return Table(path, [(renamed or {}).get(name, name) for name in names], rows)
 
 
-def read_csv_log(path: Path) -> WrenchLog:
-    """Read columns such as time_s, fz_N, tx_Nmm or "Fz [lbf]"; raises as `read_table` and `wrench_log`."""
-    return wrench_log(read_table(path))
+def read_csv_log(path: Path, gauges: Gauges | None = None) -> WrenchLog:
+    """Read columns such as time_s, fz_N, tx_Nmm or "Fz [lbf]", or `gauges`; raises as `read_table`, `wrench_log`."""
+    return wrench_log(read_table(path), gauges)
 
 
-def wrench_log(table: Table) -> WrenchLog:
-    """Time and wrench of a table.
+def wrench_log(table: Table, gauges: Gauges | None = None) -> WrenchLog:
+    """Time and wrench of a table; of the voltages of `gauges` where they are given.
 
     Raises
     ------
     InputError
-        No time, no force, a column without unit, times that do not rise, or a cell that is no number.
+        No time, no force or not each gauge, a column without unit, times that do not rise, or a cell that is no number.
     """
     path = table.path
     time_column, scale = _time(path, table.names)
-    columns = _columns(path, table.names)
-    values = table.columns([time_column, *columns])
+    axes = {} if gauges else _columns(path, table.names)
+    values = table.columns([time_column, *(_places(table, gauges) if gauges else axes)])
     if len(values) < 2:
         raise InputError(f"{path}: has {len(values)} rows of numbers: a log needs at least two")
     time_s = values[:, 0] * scale
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if len(back):
         raise InputError(f"{path}, line {back[0] + 3}: time stands still or goes back: one recording a file")
+    if gauges:
+        return WrenchLog(time_s, values[:, 1:] @ gauges.matrix.T)
     wrench = np.full((len(values), 6), np.nan)
-    for place, (axis, factor) in enumerate(columns.values(), start=1):
+    for place, (axis, factor) in enumerate(axes.values(), start=1):
         wrench[:, axis] = values[:, place] * factor
     return WrenchLog(time_s, wrench)
 
@@ -123,6 +167,15 @@ def _time(path: Path, header: list[str]) -> tuple[int, float]:
             return i, SECONDS[match[1].lower()]
     raise InputError(f"{path}: no column of time among {', '.join(header)}: a log needs time_s (or _ms, _us, _ns), "
                      "the time at which each row was measured")  # fmt: skip
+
+
+def _places(table: Table, gauges: Gauges) -> list[int]:
+    """Where the gauges' columns are."""
+    for name in gauges.columns:
+        if (n := table.names.count(name)) != 1:
+            raise InputError(f"{table.path}: has {n or 'no'} column{'s' * (n > 1)} {name!r} of a gauge among "
+                             f"{', '.join(table.names)}: give the six in columns")  # fmt: skip
+    return [table.names.index(name) for name in gauges.columns]
 
 
 def _columns(path: Path, header: list[str]) -> dict[int, tuple[int, float]]:

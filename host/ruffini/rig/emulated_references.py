@@ -1,4 +1,4 @@
-"""Emulated references with their real protocols: RDT over UDP, lines over serial, a growing CSV."""
+"""Emulated references with their real protocols: RDT over UDP, packets over serial or TCP, lines, a growing CSV."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ SIGMA = np.array([0.005, 0.005, 0.005, 5e-5, 5e-5, 5e-5])
 NOISE = 0.3  # of SIGMA, from reading to reading
 PER_COUNT = np.array([1e-6] * 3 + [1e-8] * 3)
 POLL_S = 0.05
+LOOK_S = 0.002
 ERROR_BIT, SATURATED_BIT = 1 << 31, 1 << 17
 
 
@@ -174,6 +175,111 @@ class EmulatedTextCell:
         with contextlib.suppress(OSError):  # nobody reads, or the cable was pulled
             os.write(self._board, f"{pressed_n * self._per_newton:.4f} {self._unit}\r\n".encode())
             host_clock.has_spoken()
+
+
+class EmulatedPacketCell:
+    """A force/torque box such as Sunrise's M8128, on a pty or, with `is_tcp`, on loopback.
+
+    It answers commands as the protocol in packet_cell.py says and, while it streams, sends a packet for each wrench
+    that it is told. Two threads: one answers, the caller's sends.
+    """
+
+    def __init__(self, seed: int, *, is_tcp: bool = False, mount: Mount = NO_MOUNT, noise: float = NOISE) -> None:
+        self.mount, self.noise, self.number = mount, noise, 0  # number: of the next packet
+        self.refused, self.ignored = set[str](), set[str]()  # commands by name, e.g. "SMPF" of an older box
+        self.asked: list[str] = []
+        self.is_streaming, self.first = False, b""  # first: bytes sent as soon as it streams
+        self.port, self.tcp_port = "", 0
+        self._rng = np.random.default_rng(seed)
+        self._lock, self._stop = threading.Lock(), threading.Event()
+        self._server: socket.socket | None = None
+        self._fds: list[int] = []  # its own end of the line, then the host's if that is a pty
+        if is_tcp:
+            self._server = socket.create_server(("127.0.0.1", 0))
+            self._server.setblocking(False)
+            self.tcp_port = int(self._server.getsockname()[1])
+        else:
+            self._fds = [*pty.openpty()]
+            tty.setraw(self._fds[1])
+            os.set_blocking(self._fds[0], False)
+            self.port = os.ttyname(self._fds[1])
+        self._thread = threading.Thread(target=self._run, name="force/torque box", daemon=True)
+
+    def __enter__(self) -> EmulatedPacketCell:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self.unplug()
+        if self._server is not None:
+            self._server.close()
+
+    def unplug(self) -> None:
+        """Disconnect the cable."""
+        with self._lock:
+            self._hang_up()
+
+    def _hang_up(self) -> None:
+        for descriptor in self._fds:
+            os.close(descriptor)
+        self._fds, self.is_streaming = [], False
+
+    def measure(self, frame: int, wrench: Array) -> None:
+        """Set the wrench on the pad. Thread-safe."""
+        if not self.is_streaming:
+            return
+        values = self.mount.reads(wrench) + self.noise * SIGMA * self._rng.normal(size=6)
+        self.send(self.packet(values))
+        host_clock.has_spoken()
+
+    def packet(self, values: Array) -> bytes:
+        """The next packet, of forces (N) and moments (N m) as they are."""
+        data = struct.pack("<6f", *values)
+        head = struct.pack(">BBHH", 0xAA, 0x55, len(data) + 3, self.number)
+        self.number = (self.number + 1) & 0xFFFF
+        return head + data + bytes([sum(data) & 0xFF])
+
+    def send(self, data: bytes) -> None:
+        """Send any bytes; they are lost if nobody reads them."""
+        with self._lock, contextlib.suppress(OSError):
+            if self._fds:
+                os.write(self._fds[0], data)
+
+    def _run(self) -> None:
+        text, whole = b"", list[bytes]()
+        while not self._stop.is_set():
+            with self._lock, contextlib.suppress(OSError):  # nothing there yet, or unplugged
+                *whole, text = (text + self._received()).split(b"\r\n")
+            for line in whole:
+                self._answer(line.decode("ascii", "replace"))
+            if not whole:
+                self._stop.wait(LOOK_S)
+            whole = []
+
+    def _received(self) -> bytes:
+        """Bytes that came; raises OSError if there are none. A TCP host that is gone makes room for the next."""
+        if not self._fds and self._server is not None:
+            host, _ = self._server.accept()
+            host.setblocking(False)
+            self._fds = [host.detach()]
+        data = os.read(self._fds[0], 256) if self._fds else b""
+        if not data:
+            self._hang_up()
+        return data
+
+    def _answer(self, command: str) -> None:
+        self.asked.append(command)
+        name, _, value = command.removeprefix("AT+").partition("=")
+        is_known = name in ("SMPF", "SMPR", "SGDM", "GSD") and name not in self.refused
+        is_start = name == "GSD" and is_known and value != "STOP"
+        if name == "GSD" and is_known:  # before the answer: what is measured after it is sent
+            self.is_streaming = is_start
+        if name not in self.ignored:
+            self.send(f"ACK+{name}={value}${'OK' if is_known else 'ERROR'}\r\n".encode())
+        if is_start:
+            self.send(self.first)
 
 
 class EmulatedLogger:

@@ -4,8 +4,11 @@ schema = 1
 [reference]
 kind = "text"               # all keys: the classes below. i2c: part_number; network: host, full_scale, sigma (six
                             # each, N and N m), axes (which of its axes are the pad's: ["+y", "-x", "+z"]), arm_mm
-                            # (the pad's centre from its origin; needed with a connector); weight: sigma_g; hid: path
-                            # ("/dev/hidraw0"); csv: path
+                            # (the pad's centre from its origin; needed with a connector); m8128: port or host (as
+                            # shipped "192.168.0.108"), rate_hz, and those of network from full_scale on; weight:
+                            # sigma_g; hid: path ("/dev/hidraw0"); csv: path, and of a log of six voltages columns
+                            # (their names, in the gauges' order) and matrix (six rows Fx Fy Fz Tx Ty Tz of six
+                            # numbers from the certificate, N and N m per volt)
 port = "/dev/ttyUSB0"
 unit = "g"
 full_scale_n = 20.0
@@ -46,12 +49,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.files import readable
 from ruffini.older_python import tomllib
+from ruffini.rig.byte_line import ByteLine, SerialLine, TcpLine
+from ruffini.rig.csv_log import Gauges, gauges_of
 from ruffini.rig.grbl import Grbl
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.hid_scale import HidScale
@@ -59,6 +64,7 @@ from ruffini.rig.holder import Holder
 from ruffini.rig.i2c_cell import I2cCell
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.network_cell import NetworkCell, fetch_settings
+from ruffini.rig.packet_cell import BAUD, RATE_HZ, TCP_PORT, PacketCell
 from ruffini.rig.placed_weight import SCALE_SIGMA_G, PlacedWeight
 from ruffini.rig.program import Span, Tool
 from ruffini.rig.reference import Reference
@@ -72,6 +78,8 @@ Six = Annotated[list[Positive], Field(min_length=6, max_length=6)]
 Mm = Annotated[float, Field(ge=-2000, le=2000)]
 Degrees = Annotated[float, Field(ge=-60, le=60)]
 TiltPair = Annotated[list[Degrees], Field(min_length=2, max_length=2)]
+TcpPort = Annotated[int, Field(ge=1, le=65535)]
+Baud = Annotated[int, Field(ge=300, le=4_000_000)]
 Axes = Annotated[list[Annotated[str, Field(pattern="^[+-][xyz]$")]], Field(min_length=3, max_length=3)]
 
 
@@ -105,7 +113,7 @@ class TextSettings(_Section):
     unit: str
     full_scale_n: Positive
     sigma_n: Positive
-    baud: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
+    baud: Baud = 115200
     rate_hz: Positive = 10.0
     is_inverted: bool = False
 
@@ -115,32 +123,70 @@ class TextSettings(_Section):
                         is_inverted=self.is_inverted)  # fmt: skip
 
 
-class NetworkSettings(_Section):
-    """Six axes over UDP; `axes` where its own are not the pad's: which of its axes are the pad's x, y, z.
+class _SixAxisSettings(_Section):
+    """Six axes; `axes` where its own are not the pad's: which of its axes are the pad's x, y, z.
 
     arm_mm : the pad's centre from the reference's origin, along the pad's axes. A stage's touches tell it; loads by
         hand through a connector do not.
     """
 
-    kind: Literal["network"]
-    host: str
     full_scale: Six
     sigma: Six
     axes: Axes = ["+x", "+y", "+z"]
     arm_mm: Annotated[list[Mm], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
     is_inverted: bool = False
-    port: Annotated[int, Field(ge=1, le=65535)] = 49152
-    http_port: Annotated[int, Field(ge=1, le=65535)] = 80
 
     def open(self) -> Reference:
         """Connect to it."""
         matrix = turn_of(self.axes, is_inverted=self.is_inverted)
-        settings = fetch_settings(self.host, self.http_port)
-        cell = NetworkCell(
-            self.host, np.array(self.full_scale), np.array(self.sigma), settings=settings, port=self.port
-        )
+        cell = self._cell()
         is_plain = (matrix == np.eye(3)).all() and not any(self.arm_mm)
         return cell if is_plain else Turned(cell, matrix, [1e-3 * v for v in self.arm_mm])
+
+    def _cell(self) -> Reference:
+        """The sensor in its own axes."""
+        raise NotImplementedError
+
+
+class NetworkSettings(_SixAxisSettings):
+    """Six axes over UDP."""
+
+    kind: Literal["network"]
+    host: str
+    port: TcpPort = 49152
+    http_port: TcpPort = 80
+
+    def _cell(self) -> Reference:
+        settings = fetch_settings(self.host, self.http_port)
+        return NetworkCell(
+            self.host, np.array(self.full_scale), np.array(self.sigma), settings=settings, port=self.port
+        )
+
+
+class PacketSettings(_SixAxisSettings):
+    """Six axes by the packets of a Sunrise box: serial with `port`, TCP with `host`."""
+
+    kind: Literal["m8128"]
+    port: str | None = None
+    host: str | None = None
+    baud: Baud = BAUD
+    tcp_port: TcpPort = TCP_PORT
+    rate_hz: Annotated[int, Field(ge=1, le=10_000)] = RATE_HZ
+
+    @model_validator(mode="after")
+    def _has_one_line(self) -> PacketSettings:
+        if (self.port is None) == (self.host is None):
+            raise ValueError('give either port, e.g. "/dev/ttyUSB0", or host, e.g. "192.168.0.108"')
+        return self
+
+    def _cell(self) -> Reference:
+        line: ByteLine
+        if self.port is not None:
+            line = SerialLine(self.port, self.baud)
+        else:
+            assert self.host is not None
+            line = TcpLine(self.host, self.tcp_port)
+        return PacketCell(line, np.array(self.full_scale), np.array(self.sigma), rate_hz=self.rate_hz)
 
 
 class WeightSettings(_Section):
@@ -167,10 +213,21 @@ class HidSettings(_Section):
 
 
 class CsvSettings(_Section):
-    """What another program writes while the sensor streams."""
+    """What another program writes while the sensor streams: wrenches, or voltages with the matrix of a certificate."""
 
     kind: Literal["csv"]
     path: str
+    columns: list[str] | None = None
+    matrix: list[list[float]] | None = None
+
+    @model_validator(mode="after")
+    def _gauges_are_whole(self) -> CsvSettings:
+        self.gauges()
+        return self
+
+    def gauges(self) -> Gauges | None:
+        """Of a log of voltages; None if the log has wrenches. Raises InputError as `gauges_of`."""
+        return None if self.columns is None and self.matrix is None else gauges_of(self.columns, self.matrix)
 
     def open(self) -> Reference:
         """It cannot be watched; raises InputError."""
@@ -183,7 +240,7 @@ class StageSettings(_Section):
     kind: Literal["marlin", "grbl"]
     port: str
     origin_mm: Annotated[list[Mm], Field(min_length=3, max_length=3)]
-    baud: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
+    baud: Baud = 115200
     rotary_axis: Annotated[str, Field(pattern="^[ABCUVW]$")] | None = None
     rotary_origin_deg: Annotated[float, Field(ge=-3600, le=3600)] = 0.0
 
@@ -294,7 +351,7 @@ class RigSettings(_Section):
 
     schema_: Annotated[Literal[1], Field(alias="schema")]
     reference: Annotated[
-        I2cSettings | TextSettings | NetworkSettings | WeightSettings | HidSettings | CsvSettings,
+        I2cSettings | TextSettings | NetworkSettings | PacketSettings | WeightSettings | HidSettings | CsvSettings,
         Field(discriminator="kind"),
     ]
     limits: LimitSettings
@@ -358,4 +415,5 @@ def load_rig(path: Path) -> RigSettings:
         raise InputError(f"{path}: cannot be read: {error}") from error
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(f"{path}: {'.'.join(str(p) for p in first['loc'])}: {first['msg']}") from error
+        where = ".".join(str(p) for p in first["loc"])
+        raise InputError(f"{path}: {where}: {first['msg'].removeprefix('Value error, ')}") from error

@@ -10,6 +10,7 @@ import pytest
 
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.rig.by_log import align, join, record
+from ruffini.rig.csv_log import gauges_of
 from ruffini.rig.found import on_reference_clock
 from ruffini.rig.log_file import LogWriter, read_log
 from ruffini.rig.stream_watch import ContactSample, FieldSample, ImageSample, MarkerSample, StreamSample, Window
@@ -77,6 +78,28 @@ def test_joined_on_one_clock(log, tmp_path):
     assert (
         list(tmp_path.iterdir()) == [tmp_path / "force.csv", tmp_path / "log.h5"] or len(list(tmp_path.iterdir())) == 2
     )
+
+
+def test_a_log_of_voltages_is_joined_as_wrenches(log, tmp_path):
+    """Gauge 4 alone sees the normal force, 2 N a volt; its others are noise."""
+    rng, rows = np.random.default_rng(3), csv_text().splitlines()[1:]
+    volts = [(row.split(",")[0], *rng.normal(0, 1e-3, 6)) for row in rows]
+    lines = [f"{t},{a},{b},{c},{d},{float(row.split(',')[1]) / 2 + e},{f}"
+             for row, (t, a, b, c, d, e, f) in zip(rows, volts, strict=True)]  # fmt: skip
+    path, names = tmp_path / "daq.csv", [f"gauge {i}" for i in range(6)]
+    path.write_text("\n".join([",".join(["time_s", *names]), *lines]))
+    matrix = 0.01 * np.eye(6)
+    matrix[[2, 4]] = matrix[[4, 2]]
+    matrix[2] *= 200
+    joined = join(log, path, {}, longest_gap_s=0.3, gauges=gauges_of(names, matrix.tolist()))
+    assert joined == (8, [])
+    whole = read_log(tmp_path / "log.h5")
+    touch = whole.touches[5]
+    seen = np.interp(
+        on_reference_clock(whole, touch), touch.arrays["reference_s"], touch.arrays["reference_wrench"][:, 2]
+    )
+    assert abs(seen + pressed(touch.arrays["stream_s"] - 40)).max() < 0.04
+    assert abs(touch.arrays["reference_wrench"][:, [0, 1, 3, 4, 5]]).max() < 1e-3
 
 
 @pytest.mark.parametrize(

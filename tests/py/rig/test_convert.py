@@ -119,6 +119,42 @@ def test_what_is_wrong_is_named(files, old, new, sentence):
         convert(csv, columns)
 
 
+GAUGES = """
+[gauges]
+columns = ["g0", "g1", "g2", "g3", "g4", "g5"]
+matrix = [[0, 4, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [2, 0, 0, 0, 0, 0],
+          [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]
+"""
+
+
+def test_voltages_are_converted_as_a_benchs_file_says(tmp_path):
+    csv, columns = tmp_path / "daq.csv", tmp_path / "columns.toml"
+    rows = [f"{0.01 * k:.2f},{-0.5 * (20 < k < 80)},{0.25 * (20 < k < 80)},0,0,0,0" for k in range(100)]
+    csv.write_text("\n".join(["Clock,g0,g1,g2,g3,g4,g5", *rows]))
+    columns.write_text('[columns]\ntime_s = "Clock"\n' + GAUGES)
+    (touch,) = convert(csv, columns).touches
+    is_held = (touch.arrays["reference_s"] > 0.3) & (touch.arrays["reference_s"] < 0.7)
+    assert touch.arrays["reference_wrench"][is_held][0].tolist() == [1, 0, -1, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("[gauges]", "gauges = 3\n[other]", "other: unknown"),
+        ("[gauges]", "[gauges]\nunit = 3", r"columns\.toml: gauges: give \[gauges\] with columns and matrix, and"),
+        ("[2, 0, 0", "[0, 4, 0", r"columns\.toml: gauges: matrix is singular"),
+        ("[2, 0, 0", "[2, 0", r"columns\.toml: gauges: matrix must be six rows"),
+        ('"g5"', '"u1"', "has no column 'u1' of a gauge"),
+    ],
+)
+def test_gauges_that_are_wrong_are_named(tmp_path, old, new, sentence):
+    csv, columns = tmp_path / "daq.csv", tmp_path / "columns.toml"
+    columns.write_text('[columns]\ntime_s = "Time"\n' + GAUGES.replace(old, new))
+    csv.write_text("Time,g0,g1,g2,g3,g4,g5\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n")
+    with pytest.raises(InputError, match=sentence):
+        convert(csv, columns)
+
+
 def test_a_file_that_begins_in_a_touch_or_has_none(files):
     csv, columns = files
     head, *rows = csv.read_text().splitlines()

@@ -11,11 +11,12 @@ from fakes import FakeFx29, RdtServer, printing_board
 from hang import HANG_S, until
 
 from ruffini.errors import InputError, NoDeviceError
-from ruffini.rig.csv_log import read_csv_log
+from ruffini.rig.csv_log import gauges_of, read_csv_log
 from ruffini.rig.i2c_cell import I2cCell, parse_part
 from ruffini.rig.network_cell import NetworkCell, Settings, fetch_settings, parse_settings
 from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.reference import Reference
+from ruffini.rig.settings import load_rig
 from ruffini.rig.text_cell import TextCell, parse_line
 
 PAGE = b"""<?xml version="1.0"?><netft><cfgcpf>1000000</cfgcpf><cfgcpt>500000</cfgcpt>
@@ -266,3 +267,100 @@ def test_csv_log_faults_are_named(tmp_path, text, sentence):
     path.write_text(text)
     with pytest.raises(InputError, match=sentence):
         read_csv_log(path)
+
+
+GAUGES = ["ai0", "ai1", "ai2", "ai3", "ai4", "ai5"]
+MATRIX = [
+    [0.0, 2.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 0.0, 3.0, 0.0, 0.0, 0.0],
+    [5.0, 0.0, 0.0, -1.0, 0.0, 0.0],
+    [0.0, 0.0, 0.0, 0.5, 0.0, 0.0],
+    [0.0, 0.0, 0.0, 0.0, 0.25, 0.0],
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.125],
+]
+VOLTAGES = "Time (ms),ai5,ai4,ai3,ai2,ai1,ai0,fx\n0,8,4,2,1,1,-1,none\n10,0,0,0,0,1,-2,none\n"
+
+
+def with_matrix(row: int, values: list[object]) -> list[object]:
+    return [values if i == row else one for i, one in enumerate(MATRIX)]
+
+
+def test_csv_log_of_voltages_becomes_wrenches(tmp_path):
+    path = tmp_path / "daq.csv"
+    path.write_text(VOLTAGES)
+    log = read_csv_log(path, gauges_of(GAUGES, MATRIX))
+    assert log.time_s.tolist() == [0, 0.01]
+    assert log.wrench.tolist() == [[2, 3, -7, 1, 1, 1], [2, 0, -10, 0, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("columns", "matrix", "sentence"),
+    [
+        (None, MATRIX, "columns must be 6 different names .* not None"),
+        ("ai0:5", MATRIX, "columns must be 6 different names .* not 'ai0:5'"),
+        (GAUGES[:5], MATRIX, "columns must be 6 different names"),
+        ([*GAUGES[:5], "ai0"], MATRIX, "columns must be 6 different names"),
+        ([*GAUGES[:5], 5], MATRIX, "columns must be 6 different names"),
+        (GAUGES, None, "matrix must be six rows"),
+        (GAUGES, MATRIX[:5], "matrix must be six rows"),
+        (GAUGES, with_matrix(2, [1.0] * 7), "matrix must be six rows"),
+        (GAUGES, with_matrix(2, [1.0, 2.0, 3.0, 4.0, 5.0, "6"]), "matrix must be six rows"),
+        (GAUGES, with_matrix(3, [0, 0, 0, float("nan"), 0, 0]), "number in row tx that is not finite"),
+        (GAUGES, with_matrix(5, [0, 0, 0, 0, 0, float("inf")]), "number in row tz that is not finite"),
+        (GAUGES, with_matrix(1, [0.0, 3.0, 0.0, 0.0, 0.0, 0.0]), "matrix is singular"),
+        (GAUGES, with_matrix(4, [0.0] * 6), "matrix is singular"),
+    ],
+)
+def test_gauges_that_are_wrong_are_named(columns, matrix, sentence):
+    with pytest.raises(InputError, match=sentence):
+        gauges_of(columns, matrix)
+
+
+def test_a_matrix_of_small_moments_is_not_singular():
+    matrix = [*MATRIX[:3], *([1e-7 * v for v in row] for row in MATRIX[3:])]
+    assert gauges_of(GAUGES, matrix).matrix.tolist() == matrix
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("ai3", "ai9", "has no column 'ai3' of a gauge among Time .*: give the six in columns"),
+        (",fx", ",ai3", "has 2 columns 'ai3' of a gauge among"),
+        ("Time", "When", "no column of time"),
+        ("0,8,4", "0,nan,4", "line 2: a cell is missing or no number"),
+        ("10,0", "0,0", "line 3: time stands still"),
+    ],
+)
+def test_csv_log_of_voltages_faults_are_named(tmp_path, old, new, sentence):
+    path = tmp_path / "daq.csv"
+    path.write_text(VOLTAGES.replace(old, new))
+    with pytest.raises(InputError, match=sentence):
+        read_csv_log(path, gauges_of(GAUGES, MATRIX))
+
+
+BENCH = 'schema = 1\n[reference]\nkind = "csv"\npath = "daq.csv"\n{}\n[limits]\nmax_force_n = 5.0\n'
+
+
+def test_a_bench_with_gauges(tmp_path):
+    path = tmp_path / "bench.toml"
+    path.write_text(BENCH.format(f"columns = {GAUGES}\nmatrix = {MATRIX}"))
+    gauges = load_rig(path).reference.gauges()
+    assert gauges.columns == GAUGES
+    assert gauges.matrix.tolist() == MATRIX
+    path.write_text(BENCH.format(""))
+    assert load_rig(path).reference.gauges() is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        (f"columns = {GAUGES}", r"bench\.toml: reference\.csv: matrix must be six rows"),
+        (f"matrix = {MATRIX}", r"bench\.toml: reference\.csv: columns must be 6 different names"),
+        (f"columns = {GAUGES}\nmatrix = {[MATRIX[0], *MATRIX[:5]]}", r"reference\.csv: matrix is singular"),
+    ],
+)
+def test_a_bench_with_wrong_gauges_is_named(tmp_path, keys, sentence):
+    path = tmp_path / "bench.toml"
+    path.write_text(BENCH.format(keys))
+    with pytest.raises(InputError, match=sentence):
+        load_rig(path)
