@@ -248,12 +248,21 @@ sigma = [0.005, 0.005, 0.005, 0.00005, 0.00005, 0.00005]
         assert -held(touch, "reference_wrench", "reference_s") == pytest.approx(touch.facts["force_n"], rel=0.25)
 
 
-def test_a_csv_of_another_program(bench_twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
+def test_a_csv_of_another_programs_voltages(
+    bench_twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine
+) -> None:
     desk = Desk(bench_twin, tmp_path, person, capsys)
-    desk.bench.twin.listeners.append(EmulatedLogger(tmp_path / "force.csv", 1, offset_s=77.0).measure)
+    matrix = np.diag([5.0, 5, 5, 0.5, 0.5, 0.5]) + np.random.default_rng(3).normal(size=(6, 6)) / 20
+    logger = EmulatedLogger(tmp_path / "force.csv", 1, offset_s=77.0, matrix=matrix)
+    desk.bench.twin.listeners.append(logger.measure)
+    gauges = f"columns = {[f'G{i}' for i in range(6)]}\nmatrix = {matrix.tolist()}\n"
     with desk.running():
-        result, log = desk.collect(monkeypatch, f'[reference]\nkind = "csv"\npath = "{tmp_path}/force.csv"\n' + LIMITS,
-                                   "--program", "log")  # fmt: skip
+        result, log = desk.collect(
+            monkeypatch,
+            f'[reference]\nkind = "csv"\npath = "{tmp_path}/force.csv"\n{gauges}{LIMITS}',
+            "--program",
+            "log",
+        )
     assert result["touches"] == len(log.touches) >= 6
     for touch in log.touches:
         truth = held(touch, "reference_wrench", "reference_s")

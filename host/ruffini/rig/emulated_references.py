@@ -283,15 +283,22 @@ class EmulatedPacketCell:
 
 
 class EmulatedLogger:
-    """Another program that writes each wrench it is told to a CSV, with a clock of its own."""
+    """Another program that writes each wrench it is told to a CSV, with a clock of its own.
 
-    def __init__(self, path: Path, seed: int, *, offset_s: float = 0.0, drift: float = 0.0) -> None:
+    matrix : (6, 6) N and N m per volt; with it six voltages are written in place of the wrench
+    """
+
+    def __init__(
+        self, path: Path, seed: int, *, offset_s: float = 0.0, drift: float = 0.0, matrix: Array | None = None
+    ) -> None:
         self._path, self._rng = path, np.random.default_rng(seed)
+        self._to_columns = np.eye(6) if matrix is None else np.linalg.inv(matrix)
         self.offset_s, self.drift = offset_s, drift
         self._begun_s = host_clock.now()
         self._lock = threading.Lock()
         with path.open("a", newline="") as stream:
-            csv.writer(stream).writerow(["time_s", "fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"])
+            wrench = ["fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"]
+            csv.writer(stream).writerow(["time_s", *(wrench if matrix is None else (f"G{i}" for i in range(6)))])
 
     def time_of(self, host_s: float) -> float:
         """What its clock shows."""
@@ -299,6 +306,7 @@ class EmulatedLogger:
 
     def measure(self, frame: int, wrench: Array) -> None:
         """Set the wrench on the pad."""
-        row = [self.time_of(host_clock.now()), *(wrench + NOISE * SIGMA * self._rng.normal(size=6))]
+        noisy = wrench + NOISE * SIGMA * self._rng.normal(size=6)
+        row = [self.time_of(host_clock.now()), *(self._to_columns @ noisy)]
         with self._lock, self._path.open("a", newline="") as stream:
             csv.writer(stream).writerow([f"{v:.7f}" for v in row])
