@@ -85,7 +85,7 @@ Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::s
     problem_ += "the last flash was on trial when the power went: flash it again; what was before is in force";
   }
   if (!store_.problem().empty()) problem_ += (problem_.empty() ? "" : "; ") + store_.problem();
-  problem = problem_;
+  problem = this->problem();
   active_ = std::move(prepared.calibration);
   return std::move(prepared.path);
 }
@@ -173,12 +173,12 @@ Status Calibrator::commit() {
     return follows;
   }
   Status stored = store_.stage(upload_);
-  if (stored && rule_.n_good == 0) {
-    stored = store_.confirm(manifest.epoch, active_index_);
-    if (stored) active_index_ = 0;
-  }
   if (!stored) return stored;
-  synced();
+  if (rule_.n_good == 0) {
+    const Status confirmed = store_.confirm(manifest.epoch, active_index_);
+    if (!confirmed && store_.is_durable()) return confirmed;
+    active_index_ = 0;
+  }
   abort();
   problem_.clear();
   activate(std::move(prepared).value());
@@ -209,29 +209,19 @@ std::optional<TrialEnd> Calibrator::poll() {
 TrialEnd Calibrator::confirm() {
   const Status confirmed = store_.confirm(active_.manifest.epoch, active_index_);
   is_on_trial_ = false;
-  if (confirmed) {
-    active_index_ = 0;
-    return {true, true, "the new calibration is in force"};
-  }
-  problem_ = confirmed.error().message;
-  if (store_.reject()) {  // the medium still has it on trial
-    const std::string why = problem_;
+  if (!confirmed && store_.is_durable()) {  // the medium still has it on trial
     revert();
-    problem_ = why + "; what was before is in force again";
+    problem_ = confirmed.error().message + "; what was before is in force again";
     return {false, false, problem_};
   }
-  is_durable_ = false;
-  problem_ += "; the new calibration is in force, and may not be so after a power cut: flash it again";
-  return {false, true, problem_};
+  active_index_ = 0;
+  if (!confirmed) return {false, true, problem()};
+  return {true, true, "the new calibration is in force"};
 }
 
-void Calibrator::make_durable() {
-  if (!is_durable_ && store_.sync()) synced();
-}
-
-void Calibrator::synced() {
-  if (!is_durable_) problem_.clear();
-  is_durable_ = true;
+std::string Calibrator::problem() const {
+  const std::string unsynced = store_.unsynced();
+  return problem_ + (problem_.empty() || unsynced.empty() ? "" : "; ") + unsynced;
 }
 
 void Calibrator::revert() {
@@ -254,7 +244,6 @@ Status Calibrator::undo() {
     if (prepared) {
       Status undone = store_.undo(n);
       if (!undone) return undone;
-      synced();
       active_index_ = 0;
       activate(std::move(prepared).value());
       return undone;

@@ -42,8 +42,8 @@ struct TrialRule {
 // How a trial ended.
 struct TrialEnd {
   bool is_confirmed = false;  // in force, and durable
-  bool is_in_force = false;
-  std::string text;  // for people
+  bool is_in_force = false;   // maybe not after a power cut
+  std::string text;           // for people
 };
 
 class Calibrator {
@@ -72,11 +72,10 @@ class Calibrator {
   [[nodiscard]] Status undo();
   // Returns the end of the trial once. Call regularly.
   [[nodiscard]] std::optional<TrialEnd> poll();
-  // Repeats the sync that failed when a trial ended well, if it did: until it succeeds, a power cut may restore the
-  // previous calibration, and problem() says so.
-  void make_durable();
-  // False: that sync has not succeeded yet.
-  [[nodiscard]] bool is_durable() const { return is_durable_; }
+  // False: the medium failed when it was to keep what was done last; a power cut may put another calibration in force.
+  [[nodiscard]] bool is_durable() const { return store_.is_durable(); }
+  // Tries again to keep it. Call until is_durable().
+  [[nodiscard]] Status make_durable() { return store_.sync(); }
 
   [[nodiscard]] uint64_t next_offset() const { return upload_.size(); }
   [[nodiscard]] bool is_receiving() const { return is_receiving_; }
@@ -88,8 +87,8 @@ class Calibrator {
   [[nodiscard]] PathTally tally() const;
   [[nodiscard]] const TrialRule& rule() const { return rule_; }
   [[nodiscard]] const KeyRing& keys() const { return keys_; }
-  // Why the last trial failed, or why stored files are not used; empty: no problem.
-  [[nodiscard]] const std::string& problem() const { return problem_; }
+  // Why the last trial failed, why stored files are not used, or what a power cut may undo; empty: no problem.
+  [[nodiscard]] std::string problem() const;
 
  private:
   struct Prepared {
@@ -102,8 +101,6 @@ class Calibrator {
   [[nodiscard]] Prepared prepare_stored();
   void activate(Prepared prepared);
   [[nodiscard]] TrialEnd confirm();
-  // The folder's sync has succeeded.
-  void synced();
   // Returns to the calibration in force on the medium.
   void revert();
 
@@ -115,7 +112,6 @@ class Calibrator {
   KeyRing keys_;
   std::vector<uint8_t> factory_;
   bool is_on_trial_ = false;
-  bool is_durable_ = true;   // what is in force is so after a power cut, unless it is on trial
   size_t active_index_ = 0;  // index among the stored files, newest first: an undo during a trial returns to it
   std::string problem_;
   ClockFunction clock_ = nullptr;

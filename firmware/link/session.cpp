@@ -18,6 +18,7 @@ static_assert(_ruffini_MessageType_MAX < kMessageTypes, "every type has its slot
 namespace {
 
 constexpr uint64_t kStatusPeriodUs = 1'000'000;
+constexpr uint64_t kSyncAgainUs = 1'000'000;
 constexpr uint64_t kStalePeriodUs = 100'000;
 // The person who zeroes keeps off for this long beyond the frames that it needs
 constexpr uint64_t kHandsOffUs = 500'000;
@@ -217,7 +218,6 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
       break;
     }
     case ruffini_Command_flash_query_tag: {
-      calibrator_.make_durable();
       const auto& wanted = request.action.flash_query.sha256;
       const std::string& active = calibrator_.active().sha256;  // empty: no calibration is in force
       if (!active.empty() && active.size() == wanted.size &&
@@ -332,6 +332,13 @@ void Session::poll(uint64_t now_us) {
   const bool is_due = status_us_ == 0 || now_us - status_us_ >= kStatusPeriodUs;
   if (is_status_requested_ || (is_subscribed && is_due)) send_status(now_us);
   is_status_requested_ = false;
+  if (!calibrator_.is_durable() && now_us - sync_us_ >= kSyncAgainUs) {
+    sync_us_ = now_us;
+    if (calibrator_.make_durable()) {
+      send_event(now_us, ruffini_Event_Severity_SEVERITY_INFO, "calibration_active",
+                 "the medium works again: what is in force is so after a power cut, too");
+    }
+  }
   if (const std::optional<TrialEnd> end = calibrator_.poll()) {
     const auto severity =
         end->is_confirmed ? ruffini_Event_Severity_SEVERITY_INFO : ruffini_Event_Severity_SEVERITY_ERROR;

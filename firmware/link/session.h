@@ -131,6 +131,7 @@ class Session {
   uint64_t stale_us_ = 0;      // time of the last stale wrench
   uint64_t started_us_ = 0;
   bool is_status_requested_ = false;
+  uint64_t sync_us_ = 0;    // time of the last attempt to make the calibration durable
   uint64_t status_us_ = 0;  // time of the last one
   uint64_t status_frames_ = 0;
   uint64_t status_late_ = 0;

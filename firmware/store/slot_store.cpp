@@ -56,15 +56,30 @@ SlotStore SlotStore::open(std::unique_ptr<Storage> medium) {
   const Result<bool> on_trial = store.remove_if_present(kTrial);
   const Status writable = store.can_write();
   // A rename whose sync failed before this start is visible, but a power cut could still revert it.
-  const Status durable = store.medium_->sync_folder();
+  (void)store.sync();
   if (!writable) {
     store.problem_ = writable.error().message;
   } else if (!cleared || !on_trial) {
     store.problem_ = (cleared ? on_trial : cleared).error().message;
-  } else if (!durable) {
-    store.problem_ = durable.error().message;
   }
   return store;
+}
+
+Status SlotStore::sync() {
+  Status done = medium_->sync_folder();
+  is_durable_ = is_durable_ || done;
+  if (!done) sync_problem_ = done.error().message;
+  return done;
+}
+
+std::string SlotStore::unsynced() const {
+  return is_durable_ ? "" : sync_problem_ + ": what is in force may not be so after a power cut";
+}
+
+Status SlotStore::rename(const std::string& from, const std::string& to) {
+  Status done = medium_->rename(from, to);
+  if (done) is_durable_ = false;
+  return done;
 }
 
 Result<SlotStore> SlotStore::open(const std::string& folder) {
@@ -122,7 +137,7 @@ Status SlotStore::stage(std::span<const uint8_t> bytes) {
   if (const auto next = next_slot(found.value(), 0); !next) return next.error();
   Status done = write_checked(bytes);
   if (done) done = medium_->rename(kIncoming, kTrial);
-  if (done) done = medium_->sync_folder();
+  if (done) done = sync();
   if (!done) {  // report the first error
     (void)remove_if_present(kIncoming);
     (void)remove_if_present(kTrial);
@@ -135,8 +150,8 @@ Status SlotStore::confirm(uint32_t epoch, size_t before) {
   if (!found) return found.error();
   const auto next = next_slot(found.value(), epoch);
   if (!next) return next.error();
-  Status done = medium_->rename(kTrial, name_of(next.value()));
-  if (done) done = medium_->sync_folder();
+  Status done = rename(kTrial, name_of(next.value()));
+  if (done) done = sync();
   // Only now: before this sync a power cut may leave the previous file in force.
   for (size_t i = 0; done && i < found.value().size(); ++i) {
     // A file that remains only takes space, and is removed the next time
@@ -155,11 +170,11 @@ Status SlotStore::undo(size_t n) {
   if (!next) return next.error();
   const std::string before = name_of(found.value()[n]);
   const std::string undone = name_of(next.value());
-  Status done = medium_->rename(before, undone);
+  Status done = rename(before, undone);
   if (!done) return done;
-  done = medium_->sync_folder();
-  // Reports failure, so that the next undo repeats it. The next start reports the state after a power cut.
-  if (!done) (void)medium_->rename(undone, before);
+  done = sync();
+  // Reports failure, so that the next undo repeats it, unless there is no way back.
+  if (!done && !rename(undone, before)) return Unit{};
   return done;
 }
 

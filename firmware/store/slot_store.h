@@ -45,15 +45,20 @@ class SlotStore {
   // Puts `bytes` on trial, durably, replacing another trial. The file in force stays.
   [[nodiscard]] Status stage(std::span<const uint8_t> bytes);
   // Puts the trial and its security epoch in force, durably. Of the other files only the `before`-th newest remains,
-  // for an undo. Precondition: there is a trial.
+  // for an undo. Precondition: there is a trial. An error with is_durable() false: only the sync has failed.
   [[nodiscard]] Status confirm(uint32_t epoch = 0, size_t before = 0);
   // Ends the trial; the file in force stays. Precondition: there is a trial.
   [[nodiscard]] Status reject();
-  // Makes what the last calls did to the names durable, once more if their own sync failed.
-  [[nodiscard]] Status sync() { return medium_->sync_folder(); }
+  // Makes the names durable, where a call's own sync failed.
+  [[nodiscard]] Status sync();
+  // False: a sync has failed, and a power cut may put another file in force.
+  [[nodiscard]] bool is_durable() const { return is_durable_; }
+  // What that means, and why; empty if is_durable().
+  [[nodiscard]] std::string unsynced() const;
   // True if open() found an unfinished trial and removed it.
   [[nodiscard]] bool has_discarded_trial() const { return has_discarded_trial_; }
   // Puts the n-th newest file in force, durably. A second call reverts the first. Precondition: there is such a file.
+  // If neither its sync nor the way back succeeds, it is done, and is_durable() is false.
   [[nodiscard]] Status undo(size_t n = 1);
   // Highest security epoch reached; it never decreases.
   [[nodiscard]] Result<uint32_t> epoch() const;
@@ -67,11 +72,15 @@ class SlotStore {
   [[nodiscard]] Result<std::vector<Slot>> slots() const;
   [[nodiscard]] Result<Slot> next_slot(const std::vector<Slot>& found, uint32_t epoch) const;
   [[nodiscard]] Status write_checked(std::span<const uint8_t> bytes);
+  // Renames a calibration; durable from the next sync on.
+  [[nodiscard]] Status rename(const std::string& from, const std::string& to);
   // Returns whether it was present.
   [[nodiscard]] Result<bool> remove_if_present(const std::string& name);
 
   std::unique_ptr<Storage> medium_;
   bool has_discarded_trial_ = false;
+  bool is_durable_ = false;
+  std::string sync_problem_;
   std::string problem_;
 };
 

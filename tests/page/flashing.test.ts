@@ -10,6 +10,7 @@ const OWN_SHA256 = new Uint8Array(createHash("sha256").update(ownSchema()).diges
 const FILE = Uint8Array.from({ length: 5000 }, (_, i) => i);
 const FILE_SHA256 = new Uint8Array(createHash("sha256").update(FILE).digest());
 const [DURABLE, ACTIVE] = [3, 4]; // FlashState
+const STORAGE = 6; // ReplyCode
 const HANG_MS = 60_000; // real
 
 beforeEach(() => {
@@ -31,7 +32,7 @@ function sensor(inForce: Uint8Array, { nSilent = 0, nTrial = 2, trialEnds = "" }
   const answer = (action: { case: string; value: any }): Record<string, unknown> => {
     if (action.case === "flashChunk") nReceived += action.value.data.length;
     if (action.case === "flashCommit") return { flashState: DURABLE };
-    if (action.case === "flashQuery") return nTrial-- > 0 ? { flashState: DURABLE } : { flashState: ACTIVE, text: trialEnds };
+    if (action.case === "flashQuery") return nTrial-- > 0 ? { flashState: DURABLE } : { flashState: ACTIVE, code: trialEnds ? STORAGE : 0, text: trialEnds };
     return { nextOffset: BigInt(nReceived) };
   };
   const session: Session = new Session(

@@ -146,7 +146,10 @@ void Host::replied(const ruffini_Reply& reply) {
         stage_ = Stage::kPause;
         due_us_ = now_us_ + kTrialPollUs;
       } else {
-        const bool is_success = is_ok && reply.flash_state == ruffini_FlashState_FLASH_STATE_ACTIVE;
+        // With a text it is in force, and may not be so after a restart.
+        const bool is_active = reply.flash_state == ruffini_FlashState_FLASH_STATE_ACTIVE;
+        const bool is_success = is_ok && is_active && reply.text[0] == '\0';
+        if (is_active && !is_success && is_wanted_) return begin();
         if (is_success) ++n_flashed_;
         has_flashed_ = has_flashed_ || (is_wanted_ && is_success);
         flash_ended();

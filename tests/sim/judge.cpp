@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <string_view>
 
 #include "failure.h"
 #include "link/stall_watch.h"
+#include "store/signature.h"
 
 namespace ruffini::sim {
 namespace {
@@ -250,9 +252,25 @@ void Judge::check_reply(const ReferenceFrame& frame) {
   if (owed != owed_.end()) owed_.erase(owed);
   const auto queried = queried_.find(m.request_id);
   if (asked == delivered_.end() || queried == queried_.end() || m.code != ruffini_ReplyCode_REPLY_OK) return;
-  if (m.flash_state != ruffini_FlashState_FLASH_STATE_ACTIVE) return;
+  if (m.flash_state != ruffini_FlashState_FLASH_STATE_ACTIVE || m.text[0] != '\0') return;
+  want(is_kept(queried->second), "success is said of what a power cut leaves");
   const auto sure = sure_us_.find(queried->second);
   want(sure != sure_us_.end() && sure->second >= asked->second, "success is said of what is in force for good");
+}
+
+// True if a power cut leaves this calibration in force now, or if another one has taken its place since the reply.
+bool Judge::is_kept(const std::string& hash) const {
+  if (seen_.sha256 != hash || seen_.is_on_trial) return true;
+  constexpr std::string_view kName = "calibration-";
+  uint64_t newest = 0;
+  const test::Inode* kept = nullptr;
+  const test::Names names = disk_.medium().names_after(0);
+  for (const auto& [name, inode] : names) {
+    if (name.compare(0, kName.size(), kName) != 0) continue;
+    const uint64_t number = std::stoull(name.substr(kName.size()));
+    if (number > newest) newest = number, kept = inode.get();
+  }
+  return kept != nullptr && sha256(kept->bytes) == hash;
 }
 
 void Judge::check_status(const ReferenceFrame& frame) {

@@ -28,7 +28,7 @@ namespace ruffini::sim {
 
 class Judge {
  public:
-  Judge(const TinySensor& sensor, const Disk& disk, EventLog& log, const uint64_t& now_us)
+  Judge(const TinySensor& sensor, Disk& disk, EventLog& log, const uint64_t& now_us)
       : sensor_(sensor), disk_(disk), log_(log), now_us_(now_us) {}
 
   // A device was started: on what, and why not on what it should.
@@ -72,12 +72,13 @@ class Judge {
   void check_sequence(const ReferenceFrame& frame);
   void check_wrench(const ReferenceFrame& frame);
   void check_reply(const ReferenceFrame& frame);
+  [[nodiscard]] bool is_kept(const std::string& hash) const;
   void check_status(const ReferenceFrame& frame);
   void check_counters();
   void check_drops();
 
   const TinySensor& sensor_;
-  const Disk& disk_;
+  Disk& disk_;
   EventLog& log_;
   const uint64_t& now_us_;
   const Calibrator* calibrator_ = nullptr;  // while a device runs

@@ -81,7 +81,7 @@ function tellNews(events: News[]): void {
   news = events.at(-1) ?? news;
   if (!news || nowMs < answeredMs + READ_MS) return;
   say(news.text || news.what, news.severity > SEVERITY_WARNING, news.severity === SEVERITY_WARNING);
-  if (NOTHING_TO_DO.has(news.what)) passesMs = nowMs + READ_MS;
+  if (NOTHING_TO_DO.has(news.what) && news.severity <= SEVERITY_WARNING) passesMs = nowMs + READ_MS;
   news = undefined;
 }
 

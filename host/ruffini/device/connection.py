@@ -410,7 +410,8 @@ class Connection:
         NoDeviceError
             The line was lost and did not come back, or the camera delivers no frames for the trial.
         VerifyError
-            The bytes received or stored differ from those sent.
+            The bytes received or stored differ from those sent, or the medium failed: what was before may be in force
+            after a power cut.
         """
         return flashing.flash(self, data, progress, say)
 

@@ -35,8 +35,11 @@ def flash(sensor: Line, data: bytes, progress: Callable[[float], None], say: Cal
     sha256 = hashlib.sha256(data).digest()
 
     def install() -> Any:
-        if sensor.hello.sensors[0].calibration.sha256 == sha256:  # a commit whose reply was lost
-            return _durable(sensor, sensor.command(flash_query={"sha256": sha256}))
+        sensor.refresh_hello()
+        if sensor.hello.sensors[0].calibration.sha256 == sha256:  # flashed before, or its reply was lost
+            reply = sensor.command(flash_query={"sha256": sha256})
+            if not reply.code and (reply.flash_state == FLASH_DURABLE or not reply.text):
+                return reply  # otherwise a restart may not restore it
         _upload(sensor, data, sha256, progress)
         sensor.refresh_hello()  # the device that commits must be the one that received the file
         return _in_force(sensor, flash_commit={})
@@ -142,17 +145,19 @@ def _upload(sensor: Line, data: bytes, sha256: bytes, progress: Callable[[float]
         progress(offset / len(data))
 
 
-def _durable(sensor: Line, reply: Any) -> Any:
-    """Return the reply unless it says that the medium failed: a power cut may then restore what was before."""
+def _accepted(sensor: Line, reply: Any) -> Any:
+    """Return a reply without an error; raises VerifyError if the medium failed, else RefusedError."""
     if reply.code == sensor.schema.enum_number("ReplyCode", "REPLY_STORAGE"):
         raise VerifyError(f"{sensor.port}: {reply.text}")
+    if reply.code:
+        raise RefusedError(f"{sensor.port}: {reply.text}")
     return reply
 
 
 def _in_force(sensor: Line, **action: Any) -> Any:
     """Send a command that puts a calibration in force, on trial or for good, and refresh HELLO."""
-    reply = sensor.command(**action, waits_s=COMMIT_WAITS_S)
-    if _durable(sensor, reply).code or reply.flash_state not in (FLASH_DURABLE, FLASH_ACTIVE):
+    reply = _accepted(sensor, sensor.command(**action, waits_s=COMMIT_WAITS_S))
+    if reply.flash_state not in (FLASH_DURABLE, FLASH_ACTIVE):
         raise RefusedError(f"{sensor.port}: {reply.text}")
     sensor.refresh_hello()
     return reply
@@ -175,7 +180,5 @@ def _end_of_trial(sensor: Line, sha256: bytes, say: Callable[[str], None]) -> An
         if reply.text != said:
             say(said := reply.text)
         time.sleep(TRIAL_POLL_S)
-    if _durable(sensor, reply).code:
-        raise RefusedError(f"{sensor.port}: {reply.text}")
     sensor.refresh_hello()
-    return reply
+    return _accepted(sensor, reply)

@@ -10,7 +10,7 @@ HEALTH_WORDS = {
     "HEALTH_DEVELOPMENT_KEY": "takes files signed with the public development key",
     "HEALTH_CAMERA_STALLED": "no frame comes: see the camera's cable and light",
     "HEALTH_LINK_DEGRADED": "frames from this host arrive damaged: see the cable",
-    "HEALTH_STORE_ERROR": "a stored calibration is not used: flash it again (above is the one in force)",
+    "HEALTH_STORE_ERROR": "the calibrations' medium has a problem: see above",
     "HEALTH_NO_REFERENCE": "rest is not learned yet",
     "HEALTH_SKIN_AGED": "the skin's light is a quarter off: calibrate it again",
     "HEALTH_TRIAL": "a new calibration is on trial",

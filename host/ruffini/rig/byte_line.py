@@ -63,7 +63,7 @@ class SerialLine:
             raise self._lost(error) from error
 
     def _lost(self, error: Exception) -> NoDeviceError:
-        return NoDeviceError(f"the device {self.name} was unplugged: {error}: plug it in, and start again")
+        return NoDeviceError(f"the device {self.name} was lost: {error}: plug it in, and start again")
 
     def close(self) -> None:
         with contextlib.suppress(OSError):
@@ -89,15 +89,15 @@ class TcpLine:
             ) from error
 
     def send(self, data: bytes) -> None:
-        self._socket.settimeout(SEND_S)
         try:
+            self._socket.settimeout(SEND_S)
             self._socket.sendall(data)
         except OSError as error:
             raise self._lost(error) from error
 
     def receive(self) -> bytes:
-        self._socket.settimeout(POLL_S)
         try:
+            self._socket.settimeout(POLL_S)
             data = self._socket.recv(MAX_BYTES)
         except TimeoutError:
             return b""

@@ -5,7 +5,8 @@ change of the marker's area), m0_dz_mm, m0_x_px, m0_y_px (where it is at rest), 
 pad's centre), x_mm y_mm z_mm (the tip), touch (number, 0 = nothing touches; without it touches are cut where the force
 exceeds 0.09 N). With m0_dz_mm, the places in mm and a board the log gets the nodes' displacement, for `cal fit`. Other
 names are renamed by a TOML file: our name = "theirs", with {i} for the marker's number. Its table [gauges], with
-columns and matrix as in a bench's file, makes wrenches of six voltages.
+columns and matrix as in a bench's file, makes wrenches of six voltages; columns are named as after renaming, and
+columns of force are then ignored.
 """
 
 from __future__ import annotations

@@ -48,8 +48,8 @@ def gauges_of(columns: object, matrix: object) -> Gauges:
         One is missing or of another shape, a name occurs twice, or the matrix is not finite or singular.
     """
     if not _is_six(columns, str) or len(set(columns)) < N_GAUGES:
-        raise InputError(f"columns must be {N_GAUGES} different names of columns of voltages, in the order of the "
-                         f"matrix's columns, not {columns!r}")  # fmt: skip
+        raise InputError(f"columns must name the {N_GAUGES} columns of voltages, each once, in the order in which the "
+                         f"certificate lists the gauges, not {columns!r}")  # fmt: skip
     if not _is_six(matrix, list) or not all(_is_six(row, (int, float)) for row in matrix):
         raise InputError("matrix must be six rows (Fx Fy Fz Tx Ty Tz) of six numbers, N and N m per volt: copy it "
                          "from the certificate")  # fmt: skip
@@ -140,7 +140,8 @@ def wrench_log(table: Table, gauges: Gauges | None = None) -> WrenchLog:
     Raises
     ------
     InputError
-        No time, no force or not each gauge, a column without unit, times that do not rise, or a cell that is no number.
+        No time, no force, a gauge's column missing, a column without unit, times that do not rise, or a cell that is
+        no number.
     """
     path = table.path
     time_column, scale = _time(path, table.names)
@@ -173,8 +174,8 @@ def _places(table: Table, gauges: Gauges) -> list[int]:
     """Where the gauges' columns are."""
     for name in gauges.columns:
         if (n := table.names.count(name)) != 1:
-            raise InputError(f"{table.path}: has {n or 'no'} column{'s' * (n > 1)} {name!r} of a gauge among "
-                             f"{', '.join(table.names)}: give the six in columns")  # fmt: skip
+            raise InputError(f"{table.path}: has {n or 'no'} column{'s' * (n > 1)} {name!r}, only "
+                             f"{', '.join(table.names)}: correct columns")  # fmt: skip
     return [table.names.index(name) for name in gauges.columns]
 
 

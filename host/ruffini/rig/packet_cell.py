@@ -3,7 +3,7 @@
 Commands are lines such as AT+SMPF=100, answers lines such as ACK+SMPF=100$OK, both ended by CR LF. A packet is 31
 bytes: 0xAA 0x55, number of bytes that follow the length (16 bits, big endian: 27), packet number (16 bits, big endian,
 wraps around), Fx Fy Fz Mx My Mz (float32, little endian), low byte of the sum of these 24 bytes. The box multiplies by
-the sensor's matrix, which it is sold with; its units must be N and N m. Tried with the emulated box of
+the matrix of the sensor that it is sold with; units must be N and N m. Tried with the emulated box of
 emulated_references.py only: no real box has been tried yet.
 """
 
@@ -152,15 +152,18 @@ class PacketCell:
 
     def _command(self, command: str, older: str = "", *, remedy: str) -> None:
         """Send a command, or the one that older boxes know instead, until one is accepted."""
-        answers = []
-        for text in (command, older):
-            answers += [self._ask(text)] if text else []
-            if answers[-1].endswith("OK"):
+        answers = {}
+        for text in filter(None, (command, older)):
+            answer = self._ask(text)
+            if answer.endswith("OK"):
                 return
-        if not any(answers):
+            if answer:
+                answers[text] = answer
+        if not answers:
             raise NoDeviceError(f"{self._name} does not answer {command}: is it switched on, and the address or the "
                                 "baud rate right?")  # fmt: skip
-        raise RefusedError(f"{self._name} answers {next(filter(None, answers))!r} to {command}: {remedy}")
+        asked, answer = next(iter(answers.items()))
+        raise RefusedError(f"{self._name} answers {answer!r} to {asked}: {remedy}")
 
     def _ask(self, command: str) -> str:
         """Answer to a command, "" if there is none. A packet is an answer to START, too: some boxes give no other."""

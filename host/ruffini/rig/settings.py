@@ -4,11 +4,11 @@ schema = 1
 [reference]
 kind = "text"               # all keys: the classes below. i2c: part_number; network: host, full_scale, sigma (six
                             # each, N and N m), axes (which of its axes are the pad's: ["+y", "-x", "+z"]), arm_mm
-                            # (the pad's centre from its origin; needed with a connector); m8128: port or host (as
-                            # shipped "192.168.0.108"), rate_hz, and those of network from full_scale on; weight:
-                            # sigma_g; hid: path ("/dev/hidraw0"); csv: path, and of a log of six voltages columns
-                            # (their names, in the gauges' order) and matrix (six rows Fx Fy Fz Tx Ty Tz of six
-                            # numbers from the certificate, N and N m per volt)
+                            # (the pad's centre from its origin; needed with a connector); m8128: port, baud or
+                            # host (as shipped "192.168.0.108"), tcp_port; rate_hz, full_scale, sigma, axes, arm_mm;
+                            # weight: sigma_g; hid: path ("/dev/hidraw0"); csv: path, and of a log of six voltages
+                            # columns (their names, in the gauges' order) and matrix (six rows Fx Fy Fz Tx Ty Tz of
+                            # six numbers from the certificate, N and N m per volt)
 port = "/dev/ttyUSB0"
 unit = "g"
 full_scale_n = 20.0

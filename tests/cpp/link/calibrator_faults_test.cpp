@@ -152,14 +152,73 @@ TEST_F(CalibratorFaults, ASyncThatFailedAtATrialsEndIsRepeated) {
   show(32, 32);
   medium_->fails = FailingMedium::after(Call::kSyncFolder);
   ASSERT_TRUE(calibrator.poll().has_value());
-  calibrator.make_durable();
+  EXPECT_FALSE(calibrator.make_durable());
+  EXPECT_FALSE(calibrator.is_durable());
   EXPECT_NE(calibrator.problem().find("may not be so after a power cut"), std::string::npos);
   EXPECT_EQ(medium_->names_after(0).count(kFirst), 0U);
   medium_->fails = nothing;
-  calibrator.make_durable();
+  EXPECT_TRUE(calibrator.make_durable());
+  EXPECT_TRUE(calibrator.is_durable());
   EXPECT_EQ(calibrator.problem(), "");
   EXPECT_EQ(medium_->names_after(0).count(kFirst), 1U);
   EXPECT_FALSE(calibrator.poll().has_value());
+}
+
+// Nothing was renamed, and the trial cannot even be removed: a restart would remove it.
+TEST_F(CalibratorFaults, WhereEveryCallFailsATrialIsNotInForce) {
+  Calibrator& calibrator = start({{kFirst, test::kept(file_)}});
+  ASSERT_TRUE(commit(calibrator));
+  show(32, 32);
+  medium_->fails = [](Call call, const std::string&) { return call == Call::kRename || call == Call::kRemove; };
+  const auto end = calibrator.poll();
+  ASSERT_TRUE(end.has_value());
+  EXPECT_FALSE(end->is_in_force);
+  EXPECT_NE(end->text.find("rename failed; what was before is in force again"), std::string::npos) << end->text;
+  EXPECT_TRUE(calibrator.is_durable());
+}
+
+TEST_F(CalibratorFaults, ALaterFlashOrUndoMakesDurableWhatASyncHadNot) {
+  for (const bool is_undo : {false, true}) {
+    Calibrator& calibrator = start({{kFirst, test::kept(file_)}});
+    ASSERT_TRUE(commit(calibrator));
+    show(32, 32);
+    medium_->fails = FailingMedium::after(Call::kSyncFolder);
+    ASSERT_TRUE(calibrator.poll().has_value());
+    ASSERT_FALSE(calibrator.is_durable());
+    medium_->fails = nothing;
+    EXPECT_TRUE(is_undo ? calibrator.undo() : commit(calibrator));
+    EXPECT_TRUE(calibrator.is_durable());
+    EXPECT_EQ(calibrator.problem(), "");
+    EXPECT_EQ(medium_->names_after(0).count(is_undo ? "calibration-3.safetensors" : kSecond), 1U);
+  }
+}
+
+// The medium may be as before the undo, or after it.
+TEST_F(CalibratorFaults, AnUndoWhoseSyncFailsIsDurableOnlyAfterAnother) {
+  for (const bool is_way_back : {true, false}) {
+    Calibrator& calibrator = start({{kFirst, test::kept(file_)}, {kSecond, test::kept(file_)}});
+    int n_renames = 0;
+    medium_->fails = [&](Call call, const std::string&) {
+      return call == Call::kSyncFolder || (call == Call::kRename && ++n_renames > 1 && !is_way_back);
+    };
+    EXPECT_EQ(static_cast<bool>(calibrator.undo()), !is_way_back);
+    EXPECT_FALSE(calibrator.is_durable());
+    EXPECT_NE(calibrator.problem().find("may not be so after a power cut"), std::string::npos);
+    medium_->fails = nothing;
+    EXPECT_TRUE(calibrator.make_durable());
+    EXPECT_EQ(medium_->names_after(0).count("calibration-3.safetensors"), is_way_back ? 0U : 1U);
+    EXPECT_EQ(calibrator.problem(), "");
+  }
+}
+
+TEST_F(CalibratorFaults, AStartWhoseSyncFailsIsDurableOnlyAfterAnother) {
+  Calibrator& calibrator = start({{kFirst, test::kept(file_)}}, FailingMedium::after(Call::kSyncFolder));
+  EXPECT_TRUE(calibrator.active().is_present);
+  EXPECT_FALSE(calibrator.is_durable());
+  EXPECT_NE(problem_.find("may not be so after a power cut"), std::string::npos) << problem_;
+  medium_->fails = nothing;
+  EXPECT_TRUE(calibrator.make_durable());
+  EXPECT_EQ(calibrator.problem(), "");
 }
 
 TEST_F(CalibratorFaults, ATrialThatEndsBadlySaysAlsoWhatIsWrongWithTheFileBefore) {

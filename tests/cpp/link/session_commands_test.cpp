@@ -129,7 +129,7 @@ TEST_F(SessionCommands, UndoIsActiveAtOnceAndAQueryIsOfTheWholeHash) {
   delete exchange_.next_path.exchange(nullptr);
 }
 
-// The medium failed just when the trial ended; each query tries again.
+// The medium failed just when the trial ended; the device tries again each second.
 TEST_F(SessionCommands, WhatAPowerCutMayUndoIsNotSaidToBeDone) {
   const BoardSettings board = test::round_board();
   const Bytes file = test::sign(test::diagonal_calibration(board));
@@ -155,7 +155,7 @@ TEST_F(SessionCommands, WhatAPowerCutMayUndoIsNotSaidToBeDone) {
     return reply;
   };
   medium.fails = test::FailingMedium::after(test::Call::kSyncFolder);
-  session.poll(1);
+  session.poll(10'000'000);
   ruffini_Event event = ruffini_Event_init_zero;
   ASSERT_TRUE(take(session, ruffini_Event_fields, &event));
   EXPECT_STREQ(event.what, "calibration_active");
@@ -165,6 +165,10 @@ TEST_F(SessionCommands, WhatAPowerCutMayUndoIsNotSaidToBeDone) {
   EXPECT_EQ(failed.flash_state, ruffini_FlashState_FLASH_STATE_ACTIVE);
   EXPECT_NE(std::string(failed.text).find("may not be so after a power cut"), std::string::npos) << failed.text;
   medium.fails = [](test::Call, const std::string&) { return false; };
+  session.poll(11'000'000);
+  ASSERT_TRUE(take(session, ruffini_Event_fields, &event));
+  EXPECT_STREQ(event.what, "calibration_active");
+  EXPECT_EQ(event.severity, ruffini_Event_Severity_SEVERITY_INFO);
   const ruffini_Reply done = query();
   EXPECT_EQ(done.code, ruffini_ReplyCode_REPLY_OK);
   EXPECT_STREQ(done.text, "");

@@ -249,13 +249,18 @@ TEST_F(SlotStoreTest, AFolderThatIsNotSyncedIsSaid) {
   ASSERT_FALSE(installed);
   EXPECT_EQ(store.load().value(), Bytes(20, 2));
   EXPECT_EQ(store.load(1).value(), Bytes(10, 1));
+  EXPECT_FALSE(store.is_durable());
+  EXPECT_TRUE(store.sync());
+  EXPECT_TRUE(store.is_durable());
+  EXPECT_EQ(store.unsynced(), "");
 }
 
 TEST_F(SlotStoreTest, AStartThatCannotMakeSureOfTheFolderSaysSo) {
   g_fault = Fault::kFolderSync;
   const SlotStore store = open();
   g_fault = Fault::kNone;
-  EXPECT_NE(store.problem().find("sync"), std::string::npos) << store.problem();
+  EXPECT_FALSE(store.is_durable());
+  EXPECT_NE(store.unsynced().find("sync"), std::string::npos) << store.unsynced();
 }
 
 TEST_F(SlotStoreTest, WhatIsNoPlainFileIsNotRead) {

@@ -144,7 +144,7 @@ def test_voltages_are_converted_as_a_benchs_file_says(tmp_path):
         ("[gauges]", "[gauges]\nunit = 3", r"columns\.toml: gauges: give \[gauges\] with columns and matrix, and"),
         ("[2, 0, 0", "[0, 4, 0", r"columns\.toml: gauges: matrix is singular"),
         ("[2, 0, 0", "[2, 0", r"columns\.toml: gauges: matrix must be six rows"),
-        ('"g5"', '"u1"', "has no column 'u1' of a gauge"),
+        ('"g5"', '"u1"', "has no column 'u1', only"),
     ],
 )
 def test_gauges_that_are_wrong_are_named(tmp_path, old, new, sentence):

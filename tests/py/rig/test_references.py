@@ -296,11 +296,11 @@ def test_csv_log_of_voltages_becomes_wrenches(tmp_path):
 @pytest.mark.parametrize(
     ("columns", "matrix", "sentence"),
     [
-        (None, MATRIX, "columns must be 6 different names .* not None"),
-        ("ai0:5", MATRIX, "columns must be 6 different names .* not 'ai0:5'"),
-        (GAUGES[:5], MATRIX, "columns must be 6 different names"),
-        ([*GAUGES[:5], "ai0"], MATRIX, "columns must be 6 different names"),
-        ([*GAUGES[:5], 5], MATRIX, "columns must be 6 different names"),
+        (None, MATRIX, "columns must name the 6 columns .* not None"),
+        ("ai0:5", MATRIX, "columns must name the 6 columns .* not 'ai0:5'"),
+        (GAUGES[:5], MATRIX, "columns must name the 6 columns"),
+        ([*GAUGES[:5], "ai0"], MATRIX, "columns must name the 6 columns"),
+        ([*GAUGES[:5], 5], MATRIX, "columns must name the 6 columns"),
         (GAUGES, None, "matrix must be six rows"),
         (GAUGES, MATRIX[:5], "matrix must be six rows"),
         (GAUGES, with_matrix(2, [1.0] * 7), "matrix must be six rows"),
@@ -324,8 +324,8 @@ def test_a_matrix_of_small_moments_is_not_singular():
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("ai3", "ai9", "has no column 'ai3' of a gauge among Time .*: give the six in columns"),
-        (",fx", ",ai3", "has 2 columns 'ai3' of a gauge among"),
+        ("ai3", "ai9", "has no column 'ai3', only Time .*: correct columns"),
+        (",fx", ",ai3", "has 2 columns 'ai3', only"),
         ("Time", "When", "no column of time"),
         ("0,8,4", "0,nan,4", "line 2: a cell is missing or no number"),
         ("10,0", "0,0", "line 3: time stands still"),
@@ -355,7 +355,7 @@ def test_a_bench_with_gauges(tmp_path):
     ("keys", "sentence"),
     [
         (f"columns = {GAUGES}", r"bench\.toml: reference\.csv: matrix must be six rows"),
-        (f"matrix = {MATRIX}", r"bench\.toml: reference\.csv: columns must be 6 different names"),
+        (f"matrix = {MATRIX}", r"bench\.toml: reference\.csv: columns must name the 6 columns"),
         (f"columns = {GAUGES}\nmatrix = {[MATRIX[0], *MATRIX[:5]]}", r"reference\.csv: matrix is singular"),
     ],
 )
