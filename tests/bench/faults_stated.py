@@ -2,9 +2,9 @@
 
     python tests/bench/faults_stated.py --table docs/results/accuracy.md
 
-Contacts that nothing was chosen on: errors with the pad's own material, shares on the pads of coverage.py, whose
-material is off by what a fit leaves. The board's integers see nodes, not pictures, so that no row is flagged here.
---table replaces the rows of that document's section SECTION.
+Contacts that nothing was chosen on. Errors are with the pad's own material, shares on the pads of coverage.py, whose
+material is off by what a fit leaves; in rows "not fitted" both are on the pad that is off. The board's integers get
+nodes, not pictures, so flags are not judged. --table replaces the rows of that document's section SECTION.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import datetime
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ import numpy.typing as npt
 from gels import with_row
 
 from ruffini.bench.bad_nodes import BadNodes
-from ruffini.bench.coverage import RESIDUAL_ERRORS, RESIDUAL_MODULUS, WRENCH_AXES, Coverage, Stated
+from ruffini.bench.coverage import RESIDUAL_ERRORS, WRENCH_AXES, Coverage, Stated, drawn_modulus
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import MODEL_ERRORS, Methods, Scores
 from ruffini.bench.states import FRESH, LIGHT_N, State, make_states
@@ -42,7 +43,6 @@ DEPTHS_MM = (0.3, 0.6, 1.0)
 SEED = 29
 BESIDE = 0.7  # correlation with the next node
 HOLE_MM = 3.3
-# A Gaussian filter of standard deviation s correlates white noise d nodes apart by exp(-d^2 / (4 s^2)).
 CORRELATION_NODES = float(np.sqrt(-1 / (4 * np.log(BESIDE))))
 
 
@@ -73,6 +73,7 @@ FAULTS = (
 )  # fmt: skip
 
 
+@cache
 def on_pad(board: Board, error: PadError | None) -> list[State]:
     """The contacts that are heavy enough, on one pad; None: as the board has it."""
     return [s for s in make_states(board, FRESH, DEPTHS_MM, error) if s.resultant_n >= LIGHT_N]
@@ -81,8 +82,8 @@ def on_pad(board: Board, error: PadError | None) -> list[State]:
 def on_fitted_pads(board: Board) -> list[State]:
     """On pads that are off by what a fit leaves, each contact with a modulus of its own."""
     states = [s for error in RESIDUAL_ERRORS for s in on_pad(board, error)]
-    drawn = np.clip(np.random.default_rng(SEED).normal(size=len(states)), -2.5, 2.5)
-    return [replace(s, force=(1 + RESIDUAL_MODULUS * d) * s.force) for s, d in zip(states, drawn, strict=True)]
+    rng = np.random.default_rng(SEED)
+    return [replace(s, force=drawn_modulus(rng) * s.force) for s in states]
 
 
 def judge(methods: Methods, fault: Fault) -> list[str]:
@@ -119,17 +120,14 @@ def main(words: list[str] | None = None) -> int:
     at, date = commit(JUDGED), datetime.date.today().isoformat()
     methods = Methods(find_board(given.board))
     try:
-        rows = []
         for fault in FAULTS:
-            rows.append(f"| {' | '.join((*judge(methods, fault), at, date))} |")
-            print(rows[-1], flush=True)
+            row = f"| {' | '.join((*judge(methods, fault), at, date))} |"
+            print(row, flush=True)
+            if given.table is not None:
+                text = with_row(given.table.read_text(), row, SECTION, COLUMNS)
+                write_whole(given.table, text.encode())
     finally:
         methods.close()
-    if given.table is not None:
-        text = given.table.read_text()
-        for row in rows:
-            text = with_row(text, row, SECTION, COLUMNS)
-        write_whole(given.table, text.encode())
     return 0
 
 

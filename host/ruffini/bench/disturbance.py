@@ -19,7 +19,8 @@ CORRELATION_NODES = 3.0  # of the low-frequency noise, as a badly integrated dep
 class Disturbance:
     """What is added to the true displacement: white and correlated noise, micrometres (x, y, z).
 
-    correlation_nodes : of the Gaussian filter that makes the latter; nodes d steps apart correlate by exp(-d^2 / 4 s^2).
+    correlation_nodes : standard deviation s of the Gaussian filter that makes the latter, in node steps; nodes d steps
+        apart then correlate by exp(-d^2 / (4 s^2))
     """
 
     white_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
