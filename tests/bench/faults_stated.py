@@ -26,7 +26,7 @@ from ruffini.bench.coverage import RESIDUAL_ERRORS, WRENCH_AXES, Coverage, State
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import MODEL_ERRORS, Methods, Scores
 from ruffini.bench.states import FRESH, LIGHT_N, State, make_states
-from ruffini.boards import Board, find_board
+from ruffini.boards import find_board
 from ruffini.files import write_whole
 from ruffini.sim.unit import PadError
 
@@ -74,12 +74,12 @@ FAULTS = (
 
 
 @cache
-def on_pad(board: Board, error: PadError | None) -> list[State]:
-    """The contacts that are heavy enough, on one pad; None: as the board has it."""
-    return [s for s in make_states(board, FRESH, DEPTHS_MM, error) if s.resultant_n >= LIGHT_N]
+def on_pad(board: str, error: PadError | None) -> list[State]:
+    """The contacts that are heavy enough, on one pad of a board; None: as the board has it."""
+    return [s for s in make_states(find_board(board), FRESH, DEPTHS_MM, error) if s.resultant_n >= LIGHT_N]
 
 
-def on_fitted_pads(board: Board) -> list[State]:
+def on_fitted_pads(board: str) -> list[State]:
     """On pads that are off by what a fit leaves, each contact with a modulus of its own."""
     states = [s for error in RESIDUAL_ERRORS for s in on_pad(board, error)]
     rng = np.random.default_rng(SEED)
@@ -95,11 +95,11 @@ def judge(methods: Methods, fault: Fault) -> list[str]:
         u = fault.observe(state.displacement, methods, np.random.default_rng((SEED, i)))
         return methods.stated(u, is_fitted=is_fitted)
 
-    same = on_pad(board, fault.wrong)
+    same = on_pad(board.name, fault.wrong)
     for i, state in enumerate(same):
         scores.add(state, stated(i, state).force, methods.step_mm)
     counted = Coverage(methods.places, board.field.force_lsb_un * 1e-6, board.contact.threshold_un * 1e-6)
-    for i, state in enumerate(on_fitted_pads(board) if is_fitted else same):
+    for i, state in enumerate(on_fitted_pads(board.name) if is_fitted else same):
         counted.add(stated(i, state), state.force)
     means, columns = scores.means(), counted.summary()
 
