@@ -95,6 +95,11 @@ class Coverage:
         return {name: tally.summary() for name, tally in self.columns.items()}
 
 
+def drawn_modulus(rng: np.random.Generator) -> float:
+    """A pad's modulus over the fitted one, as a fit leaves it."""
+    return 1 + RESIDUAL_MODULUS * float(np.clip(rng.normal(), -2.5, 2.5))
+
+
 def judge(
     coverage: Coverage,
     estimate: Callable[[Array], Stated],
@@ -104,7 +109,7 @@ def judge(
 ) -> None:
     """Add every state once, with noise from `disturb` (metres) and a modulus of its own."""
     for state in states:
-        modulus = 1 + RESIDUAL_MODULUS * float(np.clip(rng.normal(), -2.5, 2.5))
+        modulus = drawn_modulus(rng)
         coverage.add(estimate(state.displacement + disturb(rng)), modulus * state.force)
 
 

@@ -1,0 +1,135 @@
+"""How far forces err, and how often the truth lies within the stated sigma, under one fault at a time. SIMULATED.
+
+    python tests/bench/faults_stated.py --table docs/results/accuracy.md
+
+Contacts that nothing was chosen on. Errors are with the pad's own material, shares on the pads of coverage.py, whose
+material is off by what a fit leaves; in rows "not fitted" both are on the pad that is off. The board's integers get
+nodes, not pictures, so flags are not judged. --table replaces the rows of that document's section SECTION.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from gels import with_row
+
+from ruffini.bench.bad_nodes import BadNodes
+from ruffini.bench.coverage import RESIDUAL_ERRORS, WRENCH_AXES, Coverage, Stated, drawn_modulus
+from ruffini.bench.disturbance import WHITE_UM, Disturbance
+from ruffini.bench.ifem import MODEL_ERRORS, Methods, Scores
+from ruffini.bench.states import FRESH, LIGHT_N, State, make_states
+from ruffini.boards import find_board
+from ruffini.files import write_whole
+from ruffini.sim.unit import PadError
+
+sys.path.append(str(Path(__file__).parents[1] / "hostile"))
+from table import commit
+
+Array = npt.NDArray[np.float64]
+
+SECTION = "## Faults and the stated uncertainty"
+COLUMNS = ("fault", "tangential", "normal", "total", "shear inside, within 1, 2 sigma", "normal inside", "wrench",
+           "commit", "date")  # fmt: skip
+JUDGED = ("firmware", "host/ruffini", "boards", "tests/bench/faults_stated.py", ":!*.md")
+DEPTHS_MM = (0.3, 0.6, 1.0)
+SEED = 29
+BESIDE = 0.7  # correlation with the next node
+HOLE_MM = 3.3
+CORRELATION_NODES = float(np.sqrt(-1 / (4 * np.log(BESIDE))))
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What happens to the true displacement (n_y, n_x, 3) m; wrong: the pad's error, where no material was fitted."""
+
+    name: str
+    observe: Callable[[Array, Methods, np.random.Generator], Array]
+    wrong: PadError | None = None
+
+
+def _with(disturbance: Disturbance) -> Callable[[Array, Methods, np.random.Generator], Array]:
+    return lambda u, methods, rng: u + disturbance.draw(u.shape, rng)
+
+
+def _hole(u: Array, methods: Methods, rng: np.random.Generator) -> Array:
+    return BadNodes(WHITE_UM, hole_mm=HOLE_MM).observe(u, methods.step_mm, rng)
+
+
+WHITE = _with(Disturbance(WHITE_UM))
+CORRELATED = _with(Disturbance(correlated_um=WHITE_UM, correlation_nodes=CORRELATION_NODES))
+FAULTS = (
+    Fault("none", WHITE),
+    Fault(f"correlation of {BESIDE} with the next node", CORRELATED),
+    Fault(f"{HOLE_MM} mm under the contact not measured", _hole),
+    *(Fault(f"{name}, not fitted", WHITE, error) for name, error in MODEL_ERRORS.items()),
+)  # fmt: skip
+
+
+@cache
+def on_pad(board: str, error: PadError | None) -> list[State]:
+    """The contacts that are heavy enough, on one pad of a board; None: as the board has it."""
+    return [s for s in make_states(find_board(board), FRESH, DEPTHS_MM, error) if s.resultant_n >= LIGHT_N]
+
+
+def on_fitted_pads(board: str) -> list[State]:
+    """On pads that are off by what a fit leaves, each contact with a modulus of its own."""
+    states = [s for error in RESIDUAL_ERRORS for s in on_pad(board, error)]
+    rng = np.random.default_rng(SEED)
+    return [replace(s, force=drawn_modulus(rng) * s.force) for s in states]
+
+
+def judge(methods: Methods, fault: Fault) -> list[str]:
+    """The cells of one row."""
+    board, scores = methods.board, Scores()
+    is_fitted = fault.wrong is None
+
+    def stated(i: int, state: State) -> Stated:
+        u = fault.observe(state.displacement, methods, np.random.default_rng((SEED, i)))
+        return methods.stated(u, is_fitted=is_fitted)
+
+    same = on_pad(board.name, fault.wrong)
+    for i, state in enumerate(same):
+        scores.add(state, stated(i, state).force, methods.step_mm)
+    counted = Coverage(methods.places, board.field.force_lsb_un * 1e-6, board.contact.threshold_un * 1e-6)
+    for i, state in enumerate(on_fitted_pads(board.name) if is_fitted else same):
+        counted.add(stated(i, state), state.force)
+    means, columns = scores.means(), counted.summary()
+
+    def within(*names: str) -> str:
+        return ", ".join(f"{np.mean([columns[name][f'within_{k}'] for name in names]):.0f}" for k in (1, 2)) + " %"
+
+    return [
+        fault.name, f"{means['tangential']:.2f}", f"{means['normal']:.2f}", f"{1e3 * means['resultant_n']:.0f} mN",
+        within("shear inside"), within("normal inside"), within(*WRENCH_AXES),
+    ]  # fmt: skip
+
+
+def main(words: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--board", default="gelslim")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="write the rows into this document")
+    given = parser.parse_args(words)
+    at, date = commit(JUDGED), datetime.date.today().isoformat()
+    methods = Methods(find_board(given.board))
+    try:
+        for fault in FAULTS:
+            row = f"| {' | '.join((*judge(methods, fault), at, date))} |"
+            print(row, flush=True)
+            if given.table is not None:
+                text = with_row(given.table.read_text(), row, SECTION, COLUMNS)
+                write_whole(given.table, text.encode())
+    finally:
+        methods.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,79 @@
+"""The table of stated sigmas under faults: its arithmetic on errors that are known, and faults as large as they say."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ruffini.bench.coverage import Stated
+from ruffini.bench.states import Recipe, State, Touch
+from ruffini.boards import find_board
+from ruffini.estimators.operator.error_model import node_places
+from ruffini.estimators.operator.fit import board_slab
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path.append(str(ROOT / "tests" / "bench"))
+import faults_stated  # noqa: E402
+import gels  # noqa: E402
+
+BOARD = find_board("gelslim")
+SHAPE = (BOARD.grid.n_y, BOARD.grid.n_x, 3)
+STEP_MM = (20 / 30, 16 / 24)
+
+
+def contact() -> State:
+    """A square of 7 nodes across in the middle, pressed and sheared."""
+    force = np.zeros(SHAPE)
+    force[9:16, 12:19] = (0.01, 0.0, -0.03)
+    displacement = np.zeros(SHAPE)
+    displacement[9:16, 12:19] = (5e-5, 0.0, -3e-4)
+    return State(Recipe("square", (Touch("flat", 2, 0, 0),)), 0.6, force, displacement)
+
+
+@pytest.fixture
+def methods(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Says a force 20 % too large and a sigma of an eighth of it; with a hole, no sigma to speak of."""
+    monkeypatch.setattr(faults_stated, "on_pad", lambda *_: [contact()])
+    monkeypatch.setattr(faults_stated, "drawn_modulus", lambda _: 1.0)
+
+    def stated(u: Any, *, is_fitted: bool) -> Stated:
+        force = 1.2 * contact().force
+        sigma = np.where(np.isnan(u).any(), 1e-9, 0.125 * abs(force) + 1e-6)
+        return Stated(force, sigma, np.diag([1.0] * 6))
+
+    places = node_places(board_slab(BOARD), BOARD.observed)
+    return SimpleNamespace(board=BOARD, step_mm=STEP_MM, places=places, stated=stated)
+
+
+def test_known_errors_and_sigmas_are_what_the_row_says(methods: Any) -> None:
+    cells = faults_stated.judge(methods, faults_stated.FAULTS[0])
+    total_mn = 0.2 * 49 * np.hypot(10, 30)
+    assert cells == ["none", "0.20", "0.20", f"{total_mn:.0f} mN", "50, 100 %", "0, 100 %", "100, 100 %"]
+    hole = faults_stated.judge(methods, faults_stated.FAULTS[2])
+    assert hole[4:6] == ["50, 50 %", "0, 0 %"], "shear along y is right"
+    row = f"| {' | '.join((*cells, '12345678', '2026-01-02'))} |"
+    assert row.count("|") == len(faults_stated.COLUMNS) + 1
+    document = (ROOT / "docs" / "results" / "accuracy.md").read_text()
+    assert row in gels.with_row(document, row, faults_stated.SECTION, faults_stated.COLUMNS)
+
+
+def test_noise_correlates_with_the_next_node_as_the_row_says() -> None:
+    noise = faults_stated.CORRELATED(np.zeros((300, 300, 3)), SimpleNamespace(), np.random.default_rng(1))
+    assert (noise.std(axis=(0, 1)) * 1e6).tolist() == pytest.approx([5, 5, 20], rel=0.03)
+    beside = np.mean(noise[:, 1:] * noise[:, :-1]) / np.mean(noise**2)
+    assert beside == pytest.approx(faults_stated.BESIDE, abs=0.02)
+
+
+def test_the_hole_is_under_the_contact_and_as_wide_as_the_row_says(methods: Any) -> None:
+    state = contact()
+    u = faults_stated.FAULTS[2].observe(state.displacement, methods, np.random.default_rng(1))
+    missing = np.argwhere(np.isnan(u).any(axis=-1))
+    assert state.force[tuple(np.round(missing.mean(axis=0)).astype(int))][2] < 0
+    across_mm = np.ptp(missing, axis=0) * STEP_MM[0]
+    assert (across_mm > faults_stated.HOLE_MM - 2 * STEP_MM[0]).all()
+    assert (across_mm <= faults_stated.HOLE_MM).all()
