@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from test_bad_input import run_host
 from tiny_sensor import Sensor, start
 
 from ruffini.calibrate import container
-from ruffini.device import Connection
+from ruffini.device import Connection, flashing
 
 
 def judged(sensor: Sensor, path: Path, value: float) -> container.CalibrationFile:
@@ -140,7 +141,9 @@ def test_without_a_stored_calibration_the_factorys_is_in_force(sensor: Sensor, t
         assert host.hello.sensors[0].calibration.sha256 == hashlib.sha256(sensor.calibration).digest()
 
 
-def test_before_a_flash_what_is_in_force_is_read_back_and_kept(sensor: Sensor, tmp_path: Path) -> None:
+def test_before_a_flash_what_is_in_force_is_read_back_and_kept(
+    sensor: Sensor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = container.unpack(sensor.calibration)
     container.write(tmp_path / "first", file)
     tensors = dict(file.tensors)
@@ -180,5 +183,12 @@ def test_before_a_flash_what_is_in_force_is_read_back_and_kept(sensor: Sensor, t
         assert code == 2, "the folder is a file: nothing is flashed"
         code, result, _ = flash(port, str(tmp_path / "first"), "--no-backup")
         assert result["state"] == "same"
+        asked: list[bytes] = []  # whether it is in force for good
+        monkeypatch.setattr(flashing, "flash", lambda _, data, *__: asked.append(data))
+        for words in (["--diff"], ["--dry-run"], []):
+            assert asked == []
+            code, result, _ = flash(port, str(tmp_path / "first"), *words)
+            assert (code, result["state"]) == (0, "same")
+        assert asked == [sensor.calibration]
         with Connection(port) as host:
             assert host.read_calibration() == sensor.calibration

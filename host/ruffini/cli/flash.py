@@ -55,7 +55,7 @@ def flash(
         if state == "diff":
             _emit_difference(sensor.port, before, file, result, json_)
             return
-        if state == "same":
+        if state == "same" and not (diff or dry_run):  # sent again where a restart may not restore it
             sensor.flash(file.data, say=note)
         note(f"{sensor.port}: {', '.join(file.kinds)} for {board.name} replaces "
              + (f"{','.join(active.kinds)} of {active.created_utc}" if active.present else "nothing"))  # fmt: skip

@@ -180,5 +180,7 @@ def _end_of_trial(sensor: Line, sha256: bytes, say: Callable[[str], None]) -> An
         if reply.text != said:
             say(said := reply.text)
         time.sleep(TRIAL_POLL_S)
+    if _accepted(sensor, reply).text:  # firmware 0.1.0 says so that a power cut may undo it
+        raise VerifyError(f"{sensor.port}: {reply.text}")
     sensor.refresh_hello()
-    return _accepted(sensor, reply)
+    return reply
