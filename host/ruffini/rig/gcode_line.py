@@ -8,11 +8,12 @@ from collections import deque
 from collections.abc import Iterator
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
+from ruffini.patience import PATIENCE
 from ruffini.rig.stage import Rotary
 
 BAUD = 115200
-ANSWER_S, HOME_S = 15.0, 120.0  # a long move of a machine that does not say "busy" answers late
-TURN_S = 60.0  # through 120 degrees on both axes, slowly
+ANSWER_S, HOME_S = 15.0 * PATIENCE, 120.0 * PATIENCE  # a long move of a machine that does not say "busy" answers late
+TURN_S = 60.0 * PATIENCE  # through 120 degrees on both axes, slowly
 POLL_S = 0.005
 MAX_LINE_BYTES = 512
 
