@@ -19,7 +19,7 @@ FrameState first_state(const BoardSettings& board) {
   state.depth.cell.resize(static_cast<size_t>(state.depth.grid.count()));
   const auto n_nodes = static_cast<size_t>(NodeGrid(board).size().count());
   state.displacement.node.resize(n_nodes);
-  state.displacement.is_filled.resize(n_nodes);
+  state.displacement.filled.resize(n_nodes);
   state.solve.u.resize(3 * n_nodes);
   state.solve.force.resize(n_nodes);
   state.uncertainty.node.resize(n_nodes);
@@ -170,7 +170,7 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   Frame given{.is_measured = false, .is_displacement_given = true};
   for (size_t segment = 0; segment < n_segments(); ++segment) enter(segment, given);
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
-  repair_.run(state_.displacement.node, state_.displacement.is_filled);
+  repair_.run(state_.displacement.node, state_.displacement.filled);
   pipeline_.run_from(Slot::kDisplacement, given);
   take_results(given);
 }

@@ -136,7 +136,7 @@ struct FrameState {
   } depth;
   struct {
     std::vector<NodeDisplacement> node;  // observed nodes
-    std::vector<uint8_t> is_filled;      // 1: x and y come from filled markers (image/displacement.h)
+    std::vector<uint8_t> filled;         // what is not the node's own (base/filled.h)
     bool has_depth = false;              // u_z is measured and may be used for forces
     int64_t zero_moved_nm = 0;           // creep of the followed zero (estimators/zero_follower.h)
     bool is_zero_at_limit = false;

@@ -19,8 +19,8 @@ class NodeRepair {
 
   NodeRepair(const BoardSettings& board, GridSize nodes);
 
-  // A node is missing if any component is kNotMeasured. Sets is_filled to 1 for each filled node, else to 0.
-  void run(std::span<NodeDisplacement> displacement, std::span<uint8_t> is_filled);
+  // A node is missing if any component is kNotMeasured. Sets filled (base/filled.h) of each node.
+  void run(std::span<NodeDisplacement> displacement, std::span<uint8_t> filled);
 
  private:
   FieldRepair repair_;

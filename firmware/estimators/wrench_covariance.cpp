@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/filled.h"
 #include "base/fixed.h"
 #include "solve/node_sigma.h"
 
@@ -35,12 +36,13 @@ void add_outer(WrenchCovariance& sum, const std::array<int64_t, 6>& v, int64_t t
   }
 }
 
-TouchedNodes count_touched(std::span<const uint8_t> mask, std::span<const uint8_t> is_filled) {
+TouchedNodes count_touched(std::span<const uint8_t> mask, std::span<const uint8_t> filled) {
   TouchedNodes touched;
   for (size_t i = 0; i < mask.size(); ++i) {
     if (mask[i] == 0) continue;
     ++touched.n;
-    touched.n_filled += is_filled[i];
+    touched.n_filled += filled[i] == kNothingFilled ? 0 : 1;
+    touched.n_all_filled += filled[i] == kAllFilled ? 1 : 0;
   }
   return touched;
 }
@@ -68,16 +70,22 @@ Result<WrenchErrorModel> WrenchErrorModel::load(const Calibration& calibration, 
   return out;
 }
 
-// Multiplies the errors that grow with shear (fx, fy, tz) by sqrt(1 + kFilledShear share), Q8, rounded down.
+// Multiplies the errors that grow with shear (fx, fy, tz) by sqrt(1 + kFilledShear share), those that grow with pressure
+// (fz, tx, ty) by sqrt(1 + kFilledNormal share), Q8, rounded down.
 WrenchErrorModel::ContactError WrenchErrorModel::scaled_for_filled(const TouchedNodes& touched) const {
   ContactError out = contact_;
   if (touched.n_filled == 0) return out;
-  const int64_t square_q16 = ((touched.n + kFilledShear * touched.n_filled) << (2 * kGrowthFraction)) / touched.n;
-  const int64_t growth_q8 = floor_sqrt(square_q16);
-  const auto grow = [&](int64_t& sigma) { sigma = round_shift(sigma * growth_q8, kGrowthFraction); };
-  grow(out.force_un[0]);
-  grow(out.moment_un_mm[1]);
-  grow(out.lever_nm[1]);
+  const auto growth_q8 = [&](int64_t n_more) {
+    return floor_sqrt(((touched.n + n_more) << (2 * kGrowthFraction)) / touched.n);
+  };
+  const std::array growth = {growth_q8(kFilledShear * touched.n_filled),
+                             growth_q8(kFilledNormal * touched.n_all_filled)};
+  for (size_t part = 0; part < growth.size(); ++part) {
+    const auto grow = [&](int64_t& sigma) { sigma = round_shift(sigma * growth[part], kGrowthFraction); };
+    grow(out.force_un[part]);
+    grow(out.moment_un_mm[1 - part]);
+    grow(out.lever_nm[1 - part]);
+  }
   return out;
 }
 

@@ -9,7 +9,8 @@
 //                           (stages/support/uncertainty_stage.cpp)
 //   each contact, about     sigma of each force component, moved to the pad's centre as the wrench of a force there;
 //   its centre of pressure  sigma of each moment: a constant plus a lever times the normal force. Shear sigmas are
-//                           multiplied by sqrt(1 + kFilledShear share), share: filled fraction of the touched nodes
+//                           multiplied by sqrt(1 + kFilledShear share), share: filled fraction of the touched nodes;
+//                           normal ones by sqrt(1 + kFilledNormal share) of those with filled depth
 //
 // Each contact beyond the listed ones counts as one more, anywhere on the pad. Without contact, the error of one
 // contact in the middle is reported. Vectors are clamped to +-kMaxSigma, so no sum overflows. Frame thread; no
@@ -30,13 +31,14 @@ namespace ruffini {
 // sum += times v v^T. Precondition: no element exceeds 63 bits.
 void add_outer(WrenchCovariance& sum, const std::array<int64_t, 6>& v, int64_t times = 1);
 
-// Number of nodes in the contact mask, and how many of them are filled (image/displacement.h).
+// Number of nodes in the contact mask, and how many of them are filled, how many altogether (base/filled.h).
 struct TouchedNodes {
   int64_t n = 0;
   int64_t n_filled = 0;
+  int64_t n_all_filled = 0;
 };
 
-[[nodiscard]] TouchedNodes count_touched(std::span<const uint8_t> mask, std::span<const uint8_t> is_filled);
+[[nodiscard]] TouchedNodes count_touched(std::span<const uint8_t> mask, std::span<const uint8_t> filled);
 
 class WrenchErrorModel {
  public:
@@ -47,6 +49,8 @@ class WrenchErrorModel {
   // where the error of the resultant was 1.07, 1.11 and 1.57 times as large (host/ruffini/fem/DESIGN.md, "Lost
   // markers").
   static constexpr int64_t kFilledShear = 6;
+  // Such a hole under 20 to 40 % of the touched nodes makes the errors of fz, tx and ty 1.1 to 1.7 times as large.
+  static constexpr int64_t kFilledNormal = 6;
 
   // Loads the tensor support.error_wrench. stiffness_q20: relative, at most one half.
   [[nodiscard]] static Result<WrenchErrorModel> load(const Calibration& calibration, const PadSettings& pad,

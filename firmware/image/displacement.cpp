@@ -119,11 +119,11 @@ void Displacement::repair(std::span<const Marker> markers, SaturationCounter& sa
   }
 }
 
-void Displacement::mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) {
+void Displacement::mark_filled(std::span<const Marker> markers, std::span<uint8_t> filled) {
   for (size_t i = 0; i < markers.size(); ++i) {
     if (is_missing_[i] != FieldRepair::kOutlier) is_missing_[i] = markers[i].is_lost ? 1 : 0;
   }
-  nodes_.mark_filled(is_missing_, is_filled);
+  nodes_.mark_filled(is_missing_, filled);
 }
 
 NodeDisplacement Displacement::at_node(size_t node, std::span<const DisplacementUm> depth,

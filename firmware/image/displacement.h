@@ -44,8 +44,9 @@ class Displacement {
   void run(std::span<const Marker> markers, std::span<const DisplacementUm> depth, std::span<NodeDisplacement> out,
            SaturationCounter& saturations);
 
-  // Sets 1 for each filled node, else 0, for the markers and outliers of the last run().
-  void mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled);
+  // Sets kShearFilled for each filled node, else kNothingFilled, for the markers and outliers of the last run()
+  // (base/filled.h).
+  void mark_filled(std::span<const Marker> markers, std::span<uint8_t> filled);
 
   [[nodiscard]] GridSize nodes() const { return nodes_.nodes(); }
 

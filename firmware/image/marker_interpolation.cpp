@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/filled.h"
 #include "image/scattered_weights.h"
 
 namespace ruffini {
@@ -98,18 +99,18 @@ void MarkerInterpolation::learn(std::span<const PadPoint> rest, std::span<const 
   }
 }
 
-void MarkerInterpolation::mark_filled(std::span<const uint8_t> is_missing, std::span<uint8_t> is_filled) const {
+void MarkerInterpolation::mark_filled(std::span<const uint8_t> is_missing, std::span<uint8_t> filled) const {
   constexpr int64_t kHalf = int64_t{1} << 27;  // Q28
-  std::fill(is_filled.begin(), is_filled.end(), uint8_t{0});
+  std::fill(filled.begin(), filled.end(), kNothingFilled);
   if (std::all_of(is_missing.begin(), is_missing.end(), [](uint8_t m) { return m == 0; })) return;
-  for (size_t node = 0; node < is_filled.size(); ++node) {
+  for (size_t node = 0; node < filled.size(); ++node) {
     const MarkerWeights& w = weights_[node];
     int64_t lost = 0;
     for (size_t k = 0; k < MarkerWeights::kCount; ++k) {
       if (is_missing[static_cast<size_t>(w.marker[k])] != 0)
         lost += w.weight_q28[k] < 0 ? -w.weight_q28[k] : w.weight_q28[k];
     }
-    is_filled[node] = lost >= kHalf ? 1 : 0;
+    filled[node] = lost >= kHalf ? kShearFilled : kNothingFilled;
   }
 }
 

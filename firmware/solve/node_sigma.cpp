@@ -4,6 +4,7 @@
 #include <bit>
 #include <numeric>
 
+#include "base/filled.h"
 #include "base/fixed.h"
 
 namespace ruffini {
@@ -171,7 +172,7 @@ void NodeSigmaModel::find_roughness(std::span<const NodeForce> force, const Box&
   }
 }
 
-void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8_t> is_filled,
+void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8_t> filled,
                          std::span<NodeSigma> sigma) {
   const Box loud = grown(forced(force), 1);
   find_roughness(force, loud);
@@ -189,9 +190,10 @@ void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8
     }
   }
   for (size_t i = 0; i < sigma.size(); ++i) {
-    if (is_filled[i] == 0) continue;
+    if (filled[i] == 0) continue;
     sigma[i].x *= kFilledShear;
     sigma[i].y *= kFilledShear;
+    if (filled[i] == kAllFilled) sigma[i].z *= kFilledNormal;
   }
 }
 

@@ -83,7 +83,7 @@ def expected(
     tables: Tensors,
     mask: npt.NDArray[np.uint8],
     force: npt.NDArray[np.int32],
-    is_filled: npt.NDArray[np.bool_] | None = None,
+    is_filled: npt.NDArray[np.uint8] | None = None,
     stiffness_1e6: int = 0,
 ) -> tuple:
     tensors = (tables[f"support.error_{name}"].astype(np.int32) for name in NAMES)
@@ -91,9 +91,9 @@ def expected(
     steps = force.astype(np.int64).reshape(-1, 3)
     touches = touches_of(board, mask.astype(np.int64), steps)
     threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
-    is_filled = np.zeros(mask.shape, np.bool_) if is_filled is None else is_filled
+    is_filled = np.zeros(mask.shape, np.uint8) if is_filled is None else is_filled
     sigma = node_sigma(errors, steps, is_filled, mask.shape, threshold)
-    of_touched = (int((mask > 0).sum()), int((is_filled & (mask > 0)).sum()))
+    of_touched = (int((mask > 0).sum()), *(int((is_filled[mask > 0] >= least).sum()) for least in (1, 2)))
     covariance = wrench_covariance(errors, board, wrench(board, steps), touches[:LISTED], len(touches), of_touched)
     return sigma, covariance, len(touches)
 

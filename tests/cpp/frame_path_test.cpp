@@ -327,7 +327,7 @@ TEST(FramePath, ALostMarkerMakesShearLessSureThereAndLeavesTheForceNearWhatItWas
   const size_t middle = 6 * 17 + 8;
   for (size_t i = 0; i < whole.solve.force.size(); ++i) {
     const bool is_there = i == middle;
-    EXPECT_EQ(fewer.displacement.is_filled[i] != 0, is_there) << i;
+    EXPECT_EQ(fewer.displacement.filled[i] != 0, is_there) << i;
     const int64_t limit = 400;  // steps of 20,000: the dent's slopes make 2 % of a dot's place
     EXPECT_NEAR(fewer.solve.force[i].x, whole.solve.force[i].x, limit) << i;
     EXPECT_NEAR(fewer.uncertainty.node[i].z, whole.uncertainty.node[i].z, limit) << i;

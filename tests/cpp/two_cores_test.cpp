@@ -65,7 +65,7 @@ std::vector<int64_t> numbers_of(const FrameState& s, bool has_difference) {
   for (const auto& v : s.depth.cell) put(v.raw());
   put(s.depth.validity, s.depth.is_trusted, s.depth.sigma_um);
   for (const NodeDisplacement& u : s.displacement.node) put(u.x.raw(), u.y.raw(), u.z.raw());
-  put_all(s.displacement.is_filled);
+  put_all(s.displacement.filled);
   put(s.displacement.has_depth, s.displacement.zero_moved_nm, s.displacement.is_zero_at_limit);
   put_all(s.solve.u);
   for (const NodeForce& f : s.solve.force) put(f.x, f.y, f.z);

@@ -50,7 +50,7 @@ class DisplacementStage final : public Stage {
                       out_.node, frame.saturations);
     if (gauge_ && is_trusted) gauge_->run(out_.node, depth_.cell, frame.saturations);
     if (marker_depth_) marker_depth_->run(out_.node, frame.saturations);
-    displacement_.mark_filled(markers_.marker, out_.is_filled);
+    displacement_.mark_filled(markers_.marker, out_.filled);
     if (std::any_of(out_.node.begin(), out_.node.end(), [&](const NodeDisplacement& u) { return is_over_range(u); })) {
       frame.flags |= kFlagOverRange;
     }

@@ -57,9 +57,9 @@ class UncertaintyStage final : public Stage {
     if (!solve_.is_refined) return;
     uncertainty_.is_stated = covariance_.is_stated = true;
     if (camera_motion_.has_moved(solve_.residual_at_sides, solve_.mask, wrench_.sum)) frame.flags |= kFlagFeatures;
-    const std::span<const uint8_t> is_filled = displacement_.is_filled;
-    node_error_->run(solve_.force, is_filled, uncertainty_.node);
-    covariance_.wrench = wrench_error_->run(wrench_.sum, contacts_, count_touched(solve_.mask, is_filled));
+    const std::span<const uint8_t> filled = displacement_.filled;
+    node_error_->run(solve_.force, filled, uncertainty_.node);
+    covariance_.wrench = wrench_error_->run(wrench_.sum, contacts_, count_touched(solve_.mask, filled));
   }
 
   void judge(uint32_t& flags) override {

@@ -120,10 +120,11 @@ def repaired(field: I64, is_missing: Bools, least: int) -> tuple[I64, Bools]:
     return np.where(known[..., None], field, round_shift(wide, FRACTION)), ~known
 
 
-def repaired_nodes(board: Board, u: I64) -> tuple[I64, Bools]:
+def repaired_nodes(board: Board, u: I64) -> tuple[I64, npt.NDArray[np.uint8]]:
     """Nodes from outside, (n_nodes, 3), without outliers and with what was not measured (-32768) filled.
 
-    With the nodes (rows, columns) that are filled. The depth of an outlier stays where it is near what fills it.
+    With what is filled of each node (rows, columns): 1 along the surface, 2 depth as well. The depth of an outlier
+    stays where it is near what fills it.
     """
     u = u.reshape(len(observed_nodes(board, "y")), len(observed_nodes(board, "x")), 3)
     pad = board["pad"]
@@ -132,4 +133,4 @@ def repaired_nodes(board: Board, u: I64) -> tuple[I64, Bools]:
     out, is_filled = repaired(np.where(is_missing[..., None], 0, u), is_missing, least)
     is_depth_good = is_filled & ~is_missing & (np.abs(u[..., 2] - out[..., 2]) <= 2 * least)
     out[is_depth_good, 2] = u[is_depth_good, 2]
-    return out.reshape(-1, 3), is_filled
+    return out.reshape(-1, 3), np.where(is_filled, 2, 0).astype(np.uint8) - is_depth_good

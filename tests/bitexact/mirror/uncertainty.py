@@ -42,9 +42,9 @@ class Touch:
 
 
 def node_sigma(
-    tables: ErrorTables, force: I64, filled: npt.NDArray[np.bool_], shape: tuple[int, int], threshold_lsb: int
+    tables: ErrorTables, force: I64, filled: npt.NDArray[np.uint8], shape: tuple[int, int], threshold_lsb: int
 ) -> I64:
-    """(n_nodes, 3) in force steps; `filled` of that shape."""
+    """(n_nodes, 3) in force steps; `filled` of that shape: 1 along the surface, 2 depth as well."""
     limited = np.clip(force, -LARGEST_FORCE, LARGEST_FORCE).reshape(*shape, 3)
     padded = np.pad(limited, ((1, 1), (1, 1), (0, 0)))
     places = [(dy, dx) for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
@@ -70,7 +70,7 @@ def node_sigma(
         local += by_contrast * ((weight * contrast + 64) >> 7)
         local += by_step * int(step[y, x, c]) ** 2
         local += by_rough * ((weight * int(rough[y, x]) + 64) >> 7)
-        out[y, x, c] = max((isqrt(variance + (local >> 8)) + 8) >> 4, 1) * (2 if c < 2 and filled[y, x] else 1)
+        out[y, x, c] = max((isqrt(variance + (local >> 8)) + 8) >> 4, 1) * ((2, 3)[axis] if filled[y, x] > axis else 1)
     return out.reshape(-1, 3)
 
 
@@ -119,13 +119,18 @@ def wrench_covariance(
     wrench: list[int],
     touches: list[Touch],
     n_found: int,
-    of_touched: tuple[int, int] = (0, 0),
+    of_touched: tuple[int, int, int] = (0, 0, 0),
 ) -> I64:
-    """(21,) upper triangle by rows, (uN, uN mm)^2; `touches` are the listed ones, `of_touched` nodes: all, filled."""
+    """(21,) upper triangle by rows, (uN, uN mm)^2; `touches` are the listed ones.
+
+    `of_touched`: number of touched nodes, of those that are filled, of those whose depth is.
+    """
     (shear, normal), moment, lever, factor = ([int(v) for v in row] for row in tables.wrench)
-    n_touched, n_filled = of_touched
-    growth_q8 = isqrt(((n_touched + 6 * n_filled) << 16) // n_touched) if n_filled else 256
-    shear, moment[1], lever[1] = ((v * growth_q8 + 128) >> 8 for v in (shear, moment[1], lever[1]))
+    n_touched, n_filled, n_of_depth = of_touched
+    if n_filled:
+        by_shear, by_pressure = (isqrt(((n_touched + 6 * n) << 16) // n_touched) for n in (n_filled, n_of_depth))
+        shear, moment[1], lever[1] = ((v * by_shear + 128) >> 8 for v in (shear, moment[1], lever[1]))
+        normal, moment[0], lever[0] = ((v * by_pressure + 128) >> 8 for v in (normal, moment[0], lever[0]))
     vectors: list[tuple[int, list[int]]] = []
 
     def part(factor_q20: int, reading: int) -> int:

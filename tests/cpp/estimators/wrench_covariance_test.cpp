@@ -6,6 +6,7 @@
 #include <cstring>
 #include <utility>
 
+#include "base/filled.h"
 #include "support/calibration_bytes.h"
 
 namespace ruffini {
@@ -121,11 +122,21 @@ TEST(WrenchCovariance, TheShearOfFilledNodesErrsMore) {
   EXPECT_NEAR(std::sqrt(static_cast<double>(at(fifth, 0, 0)) / static_cast<double>(at(whole, 0, 0))), 1.48, 0.01);
 }
 
+TEST(WrenchCovariance, ThePressureOfNodesWithoutDepthErrsMore) {
+  const WrenchErrorModel model = load(parameters()).value();
+  const ContactList touch = one_contact(3'000, 0, -1'000'000);
+  const WrenchCovariance shear = model.run({}, touch, {.n = 40, .n_filled = 20});
+  const WrenchCovariance both = model.run({}, touch, {.n = 40, .n_filled = 20, .n_all_filled = 20});
+  for (const size_t of_shear : {0U, 1U, 5U}) EXPECT_EQ(at(both, of_shear, of_shear), at(shear, of_shear, of_shear));
+  for (const size_t pressure : {2U, 3U, 4U}) EXPECT_EQ(at(both, pressure, pressure), 4 * at(shear, pressure, pressure));
+}
+
 TEST(WrenchCovariance, CountsTheTouchedNodesAndTheFilledOnesAmongThem) {
-  const TouchedNodes touched =
-      count_touched(std::vector<uint8_t>{0, 1, 128, 5, 0}, std::vector<uint8_t>{1, 0, 1, 1, 0});
+  const TouchedNodes touched = count_touched(std::vector<uint8_t>{0, 1, 128, 5, 0},
+                                             std::vector<uint8_t>{kAllFilled, 0, kShearFilled, kAllFilled, 0});
   EXPECT_EQ(touched.n, 3);
   EXPECT_EQ(touched.n_filled, 2);
+  EXPECT_EQ(touched.n_all_filled, 1);
 }
 
 TEST(WrenchCovariance, LargestNumbersDoNotOverflow) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "base/filled.h"
 #include "support/held_calibration.h"
 
 namespace ruffini {
@@ -121,13 +122,15 @@ TEST(NodeSigma, IsTwiceAsLargeForTheShearOfFilledNodesAndNowhereElse) {
   tables.local = {1 << 14, 0, 0, 0, 1 << 14, 0, 0, 0};
   const std::vector<NodeForce> force = one_pressed({800, -600, -600});
   std::vector<uint8_t> is_filled(20);
-  is_filled[7] = is_filled[19] = 1;  // the pressed one, and one that is silent
+  is_filled[7] = is_filled[19] = kShearFilled;  // the pressed one, and one that is silent
+  is_filled[8] = kAllFilled;
   const auto whole = sigma_of(tables, force);
   const auto filled = sigma_of(tables, force, is_filled);
   for (size_t i = 0; i < filled.size(); ++i) {
-    EXPECT_EQ(filled[i].x, (1 + is_filled[i]) * whole[i].x) << i;
-    EXPECT_EQ(filled[i].y, (1 + is_filled[i]) * whole[i].y) << i;
-    EXPECT_EQ(filled[i].z, whole[i].z) << i;
+    const int32_t shear = is_filled[i] == kNothingFilled ? 1 : 2;
+    EXPECT_EQ(filled[i].x, shear * whole[i].x) << i;
+    EXPECT_EQ(filled[i].y, shear * whole[i].y) << i;
+    EXPECT_EQ(filled[i].z, (is_filled[i] == kAllFilled ? 3 : 1) * whole[i].z) << i;
   }
   EXPECT_EQ(filled[7].x, 800);
 }

@@ -1,0 +1,12 @@
+// What a node's displacement has from its neighbours, because its own was lost.
+#pragma once
+
+#include <cstdint>
+
+namespace ruffini {
+
+inline constexpr uint8_t kNothingFilled = 0;
+inline constexpr uint8_t kShearFilled = 1;  // x and y
+inline constexpr uint8_t kAllFilled = 2;
+
+}  // namespace ruffini
