@@ -118,12 +118,12 @@ class Methods:
         default = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES)
         progress(0.6)
         self._linear_pipeline = _pipeline(board, default)
-        self._pipeline = self._linear_pipeline
+        self._pipeline, judged = self._linear_pipeline, default
         if truth == "finite":
-            finite = make_operator(board, method="support", noise=noise, is_finite=True)
-            self._pipeline = _pipeline(board, finite)
+            judged = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES, is_finite=True)
+            self._pipeline = _pipeline(board, judged)
         usual = {"support.stiffness_sigma_1e6": "0"}  # a fitted pad errs as the error model has it
-        self._fitted_pipeline = _pipeline(board, replace(default, metadata={**default.metadata, **usual}))
+        self._fitted_pipeline = _pipeline(board, replace(judged, metadata={**judged.metadata, **usual}))
         assert default.support is not None
         self._second_pass = second_pass(board, default.matrix, default.support)
         self._linear = linear.matrix
