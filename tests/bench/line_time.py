@@ -1,6 +1,6 @@
 """Latency of the real ruffinid on a pseudo-terminal, idle and beside busy loops, ordinary and with real-time threads.
 
-    python tests/bench/line_time.py [--frames 3600] [--loops 4] [--only busy-real-time]
+    python tests/bench/line_time.py [--frames 3600] [--loops 4] [--only busy-real-time] [--table FILE]
 
 Board and pictures are those of tests/bench/benchmarks.py at 320x240, SIMULATED and played in a loop at 60 frames a
 second. Latency is the device's own (STATUS line_latency): from the picture's stamp, when it is handed over, to the last
@@ -9,12 +9,14 @@ the right to it), CPU affinity of the frame thread and --lock-memory, as firmwar
 Who reads the line is then SCHED_FIFO too, below them: on a gripper it is another computer, without this load.
 Beside the percentiles is the time of the stages in the same run, and the machine's own delay: that of a real-time
 process on another core which only waits for every tenth frame's time and then counts for as long as the stages take.
+--table replaces the rows of that document's section SECTION; --beside says in their names what else ran.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import datetime
 import multiprocessing
 import os
 import subprocess
@@ -28,10 +30,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 from benchmarks import make_data, picture, seventy_markers, solve_tensors
+from gels import with_row
 
 from ruffini.boards import Board
 from ruffini.daemon import find_daemon
 from ruffini.device import Connection
+from ruffini.files import write_whole
+
+sys.path.append(str(Path(__file__).parents[1] / "hostile"))
+from table import commit
 
 N_PICTURES, RATE_MHZ = 60, 60_000
 WARM_S = 3.0  # rest is learned, every page was touched
@@ -41,6 +48,10 @@ WANTED_MS = {"p50": 1.0, "p99.9": 3.0}  # above the frame's time
 QUANTILES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999, "largest": 1.0}
 COUNTED_MS = 1.6  # the stages of this board, about
 RUNS = ("idle", "idle-real-time", "busy", "busy-real-time")
+SECTION = "## Latency up to the line"
+COLUMNS = ("run", "frames", "lost", "stages", "p50", "p99", "p99.9", "largest", "machine alone: p50", "p99.9", "commit",
+           "date")  # fmt: skip
+JUDGED = ("firmware", "tests/bench/line_time.py", ":!*.md")
 
 
 @dataclass(frozen=True)
@@ -160,6 +171,8 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=3600, help="of each run; an hour: 216000")
     parser.add_argument("--only", choices=RUNS, help="one of the four runs; without it all, one after the other")
     parser.add_argument("--loops", type=int, default=2 * (os.cpu_count() or 1), help="busy loops beside it")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="write the rows into this document")
+    parser.add_argument("--beside", default="", help="what else runs on the machine, for the row's name")
     arguments = parser.parse_args()
     board = seventy_markers(320)
     print(
@@ -180,6 +193,17 @@ def main() -> None:
                   f"wanted: stages + 1 at p50, + 3 at p99.9: {'met' if met else 'NOT met'}", flush=True)  # fmt: skip
             if run.machine_ms:
                 print(f"    counting {COUNTED_MS:.2f}  the machine's own {shown(run.machine_ms)}", flush=True)
+            if arguments.table is not None:
+                row = row_of(", ".join(part for part in (name, arguments.beside) if part), run)
+                write_whole(arguments.table, with_row(arguments.table.read_text(), row, SECTION, COLUMNS).encode())
+
+
+def row_of(name: str, run: Run) -> str:
+    """Of the table, milliseconds."""
+    own = (f"{run.machine_ms[part]:.1f}" if run.machine_ms else "" for part in ("p50", "p99.9"))
+    times = (f"{ms:.1f}" for ms in (run.frame_ms, *run.latency_ms.values()))
+    day = datetime.date.today().isoformat()
+    return f"| {' | '.join((name, str(run.n_frames), str(run.n_lost), *times, *own, commit(JUDGED), day))} |"
 
 
 def shown(delays_ms: dict[str, float]) -> str:

@@ -62,6 +62,14 @@ def test_known_errors_and_sigmas_are_what_the_row_says(methods: Any) -> None:
     assert row in gels.with_row(document, row, faults_stated.SECTION, faults_stated.COLUMNS)
 
 
+def test_finite_strain_is_judged_on_its_own_contacts_alone(methods: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr(faults_stated, "on_pad", lambda *given: asked.append(given) or [contact()])
+    fault = next(one for one in faults_stated.FAULTS if one.strain == "finite")
+    assert faults_stated.judge(methods, fault)[1] == "0.20"
+    assert asked == [("gelslim", None, "finite")], "no pads whose material is off"
+
+
 def test_noise_correlates_with_the_next_node_as_the_row_says() -> None:
     noise = faults_stated.CORRELATED(np.zeros((300, 300, 3)), SimpleNamespace(), np.random.default_rng(1))
     assert (noise.std(axis=(0, 1)) * 1e6).tolist() == pytest.approx([5, 5, 20], rel=0.03)
