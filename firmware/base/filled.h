@@ -1,4 +1,4 @@
-// What a node's displacement has from its neighbours, because its own was lost.
+// Which components of a node's displacement come from its neighbours, because its own were lost.
 #pragma once
 
 #include <cstdint>

@@ -33,6 +33,7 @@ void NodeRepair::run(std::span<NodeDisplacement> displacement, std::span<uint8_t
     if (filled[i] == 0) continue;
     NodeDisplacement& u = displacement[i];
     const auto um = [](int32_t q3) { return DisplacementUm::from_raw(static_cast<int16_t>(q3)); };
+    // Until here `filled` was what the repair found
     const bool is_depth_good = filled[i] == FieldRepair::kOutlier &&
                                std::abs(u.z.raw() - repaired_[i].z) <= kDepthOverShear * least_outlier_q3_;
     u = {um(repaired_[i].x), um(repaired_[i].y), is_depth_good ? u.z : um(repaired_[i].z)};

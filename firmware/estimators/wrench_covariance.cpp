@@ -70,8 +70,8 @@ Result<WrenchErrorModel> WrenchErrorModel::load(const Calibration& calibration, 
   return out;
 }
 
-// Multiplies the errors that grow with shear (fx, fy, tz) by sqrt(1 + kFilledShear share), those that grow with pressure
-// (fz, tx, ty) by sqrt(1 + kFilledNormal share), Q8, rounded down.
+// Multiplies the errors that grow with shear (fx, fy, tz) by sqrt(1 + kFilledShear share), those that grow with
+// pressure (fz, tx, ty) by sqrt(1 + kFilledNormal share), Q8, rounded down.
 WrenchErrorModel::ContactError WrenchErrorModel::scaled_for_filled(const TouchedNodes& touched) const {
   ContactError out = contact_;
   if (touched.n_filled == 0) return out;
@@ -96,7 +96,8 @@ void WrenchErrorModel::add_contact(WrenchCovariance& sum, const ContactError& er
   const auto [shear, normal] = error.force_un;
   add_outer(sum, {shear, 0, 0, 0, 0, clamp_symmetric(rounded(-y * shear, kUmPerMm))});
   add_outer(sum, {0, shear, 0, 0, 0, clamp_symmetric(rounded(x * shear, kUmPerMm))});
-  add_outer(sum, {0, 0, normal, rounded(y * normal, kUmPerMm), rounded(-x * normal, kUmPerMm), 0});
+  add_outer(sum, {0, 0, normal, clamp_symmetric(rounded(y * normal, kUmPerMm)),
+                  clamp_symmetric(rounded(-x * normal, kUmPerMm)), 0});
   const int64_t pressing = clamp_symmetric(contact.force_z_un, kMaxReading);
   for (size_t axis = 3; axis < 6; ++axis) {
     const size_t part = axis == 5 ? 1 : 0;

@@ -57,7 +57,8 @@ class MarkerInterpolation {
     }
     return {round_shift(x, 28), round_shift(y, 28), round_shift(z, 28)};
   }
-  // Sets kShearFilled for each filled node, else kNothingFilled. `is_missing`: nonzero for each marker without a displacement of its own.
+  // Sets kShearFilled for each filled node, else kNothingFilled. `is_missing`: nonzero for each marker without a
+  // displacement of its own.
   void mark_filled(std::span<const uint8_t> is_missing, std::span<uint8_t> filled) const;
 
   [[nodiscard]] GridSize nodes() const { return nodes_; }

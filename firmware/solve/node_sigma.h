@@ -48,8 +48,8 @@ class NodeSigmaModel {
   // all markers; at other nodes it grows by at most 1.3, and pressure is unaffected (host/ruffini/fem/DESIGN.md, "Lost
   // markers").
   static constexpr int32_t kFilledShear = 2;
-  // Of nodes without any measurement: on development contacts with a hole of 3.3 mm, two thirds of their errors are below
-  // 2.8 of the sigma of measured nodes, 95 % below 6.7.
+  // Of nodes whose depth is filled: in a hole of 3.3 mm (development contacts, gelslim) two thirds of the errors are
+  // below 2.8 of the sigma of measured nodes, 95 % below 6.7. Cautious for a single node.
   static constexpr int32_t kFilledNormal = 3;
 
   // Loads the tensors support.error_reported, _quiet and _local. threshold_lsb: T in steps, above zero. stiffness_q20:

@@ -99,7 +99,7 @@ def judge(methods: Methods, fault: Fault) -> list[str]:
 
     def stated(i: int, state: State) -> Stated:
         u = fault.observe(state.displacement, methods, np.random.default_rng((SEED, i)))
-        return methods.stated(u, is_fitted=is_fitted)
+        return methods.stated(u, is_fitted=is_fitted, strain=fault.strain)
 
     same = on_pad(board.name, fault.wrong, fault.strain)
     for i, state in enumerate(same):

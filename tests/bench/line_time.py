@@ -8,7 +8,7 @@ byte of its WRENCH and CONTACTS that the line accepted. "Real-time" is SCHED_FIF
 the right to it), CPU affinity of the frame thread and --lock-memory, as firmware/deploy/ruffinid.service grants them.
 Who reads the line is then SCHED_FIFO too, below them: on a gripper it is another computer, without this load.
 Beside the percentiles is the time of the stages in the same run, and the machine's own delay: that of a real-time
-process on another core which only waits for every tenth frame's time and then counts for as long as the stages take.
+process below ruffini's which only waits for every tenth frame's time and then counts for as long as the stages take.
 --table replaces the rows of that document's section SECTION; --beside says in their names what else ran.
 """
 
@@ -19,6 +19,7 @@ import contextlib
 import datetime
 import multiprocessing
 import os
+import queue
 import subprocess
 import sys
 import tempfile
@@ -49,8 +50,8 @@ QUANTILES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999, "largest": 1.0}
 COUNTED_MS = 1.6  # the stages of this board, about
 RUNS = ("idle", "idle-real-time", "busy", "busy-real-time")
 SECTION = "## Latency up to the line"
-COLUMNS = ("run", "frames", "lost", "stages", "p50", "p99", "p99.9", "largest", "machine alone: p50", "p99.9", "commit",
-           "date")  # fmt: skip
+COLUMNS = ("run", "frames", "not captured", "stages", "p50", "p99", "p99.9", "largest", "counting: p50", "p99.9",
+           "commit", "date")  # fmt: skip
 JUDGED = ("firmware", "tests/bench/line_time.py", ":!*.md")
 
 
@@ -96,7 +97,7 @@ def busy(n_loops: int) -> Iterator[None]:
 
 
 def machine_delays(seconds: float, found: multiprocessing.Queue) -> None:
-    """Milliseconds from every tenth frame's time to the end of COUNTED_MS of counting, real-time, without ruffini."""
+    """Milliseconds from every tenth frame's time to the end of COUNTED_MS of counting, below ruffini's priorities."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(MACHINE_PRIORITY))
     period = 10 * 1e3 / RATE_MHZ
@@ -111,6 +112,13 @@ def machine_delays(seconds: float, found: multiprocessing.Queue) -> None:
             counted += min(now - before, 1e-5)
         delays[i] = (now - due) * 1e3
     found.put({name: float(np.quantile(delays, part)) for name, part in QUANTILES.items()})
+
+
+def own_delays(found: multiprocessing.Queue) -> dict[str, float]:
+    try:
+        return found.get(timeout=60)
+    except queue.Empty:  # it ended early; the run is not lost
+        return {}
 
 
 def measure(sensor: Path, board: Board, *, is_real_time: bool, n_frames: int) -> Run:
@@ -130,14 +138,14 @@ def measure(sensor: Path, board: Board, *, is_real_time: bool, n_frames: int) ->
                 read_for(host, WARM_S)
                 seconds = n_frames * 1e3 / RATE_MHZ
                 if is_real_time:
-                    multiprocessing.Process(target=machine_delays, args=(seconds, machine)).start()
+                    multiprocessing.Process(target=machine_delays, args=(seconds, machine), daemon=True).start()
                     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(READER_PRIORITY))
                 before = host.status()
                 statuses = read_for(host, seconds)
         finally:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
             daemon.kill()
             daemon.wait(timeout=10)
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     last = statuses[-1]
     late, place = last.line_latency, last.scheduling
     cpus = ",".join(str(i) for i in range(64) if place.cpus >> i & 1) or "any"
@@ -149,7 +157,7 @@ def measure(sensor: Path, board: Board, *, is_real_time: bool, n_frames: int) ->
         latency_ms={name: us / 1e3 for name, us in (("p50", late.p50_us), ("p99", late.p99_us),
                                                     ("p99.9", late.p999_us), ("largest", late.max_us))},
         n_lost=last.drops.capture_overrun - before.drops.capture_overrun,
-        machine_ms=machine.get(timeout=60) if is_real_time else {},
+        machine_ms=own_delays(machine) if is_real_time else {},
     )  # fmt: skip
 
 
@@ -175,6 +183,7 @@ def main() -> None:
     parser.add_argument("--beside", default="", help="what else runs on the machine, for the row's name")
     arguments = parser.parse_args()
     board = seventy_markers(320)
+    at = commit(JUDGED)
     print(
         f"{os.cpu_count()} cores, load before {os.getloadavg()[0]:.1f}; milliseconds, SIMULATED pictures, this machine"
     )
@@ -194,16 +203,16 @@ def main() -> None:
             if run.machine_ms:
                 print(f"    counting {COUNTED_MS:.2f}  the machine's own {shown(run.machine_ms)}", flush=True)
             if arguments.table is not None:
-                row = row_of(", ".join(part for part in (name, arguments.beside) if part), run)
+                row = row_of(", ".join(part for part in (name, arguments.beside) if part), run, at)
                 write_whole(arguments.table, with_row(arguments.table.read_text(), row, SECTION, COLUMNS).encode())
 
 
-def row_of(name: str, run: Run) -> str:
+def row_of(name: str, run: Run, at: str) -> str:
     """Of the table, milliseconds."""
     own = (f"{run.machine_ms[part]:.1f}" if run.machine_ms else "" for part in ("p50", "p99.9"))
     times = (f"{ms:.1f}" for ms in (run.frame_ms, *run.latency_ms.values()))
     day = datetime.date.today().isoformat()
-    return f"| {' | '.join((name, str(run.n_frames), str(run.n_lost), *times, *own, commit(JUDGED), day))} |"
+    return f"| {' | '.join((name, str(run.n_frames), str(run.n_lost), *times, *own, at, day))} |"
 
 
 def shown(delays_ms: dict[str, float]) -> str:

@@ -41,6 +41,7 @@ FEW_NODES = board_with_all_stages(2)
 TEXT = FEW_NODES.replace("n_x = 9\nn_y = 7", "n_x = 41\nn_y = 31")
 STIFFNESS = "support.stiffness_sigma_1e6"
 NAMES = ("reported", "quiet", "local", "wrench")
+NOT_MEASURED = -32768  # any component of a node
 
 
 def tables_of(text: str) -> tuple[Tensors, dict[str, str]]:
@@ -122,7 +123,16 @@ def displacements(rng: np.random.Generator, shape: tuple[int, int]) -> npt.NDArr
         rough = gaussian_filter(rng.normal(size=(*shape, 3)), (length, length, 0))
         out.append(size * rough / rough.std())
     out += [rng.uniform(-32767, 32767, (*shape, 3)), 32767 * rng.choice([-1, 1], (*shape, 3))]
-    return np.round(np.clip(out, -32767, 32767)).astype(np.int16)
+    fields = np.round(np.clip(out, -32767, 32767)).astype(np.int16)
+    return np.concatenate([fields, [lossy(fields[2], shape)]])
+
+
+def lossy(field: npt.NDArray[np.int16], shape: tuple[int, int]) -> npt.NDArray[np.int16]:
+    """A dent with two nodes in it that were not measured, and one that is wrong along the surface."""
+    out, row, column = field.copy(), int(shape[0] * 0.4), int(shape[1] * 0.6)
+    out[row, column - 1 : column + 1] = NOT_MEASURED
+    out[row + 1, column + 1, 0] += 4000
+    return out
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -134,13 +144,14 @@ def test_as_the_mirror_on_any_tables_and_positive_semi_definite(
     tables = drawn(rng, largest=seed == 0)
     stiffness_1e6 = 500_000 if seed == 0 else int(rng.integers(0, 500_001))
     file = pack({**base[0], **tables}, {**base[1], STIFFNESS: str(stiffness_1e6)})
-    counts = []
+    counts, in_contact = [], set[int]()
     with Pipeline(typed, file.data) as core:
         shape = (core.layout.node_n_y, core.layout.node_n_x)
         for u in displacements(rng, shape):
             force = core.solve(u.reshape(1, -1, 3))[0]
             sigma, covariance = core.sigma()
             is_filled = repaired_nodes(board, u.astype(np.int64))[1]
+            in_contact |= set(is_filled[core.raw("mask") > 0].tolist())
             want_sigma, want_covariance, n_found = expected(
                 board, tables, core.raw("mask"), force, is_filled, stiffness_1e6
             )
@@ -154,6 +165,7 @@ def test_as_the_mirror_on_any_tables_and_positive_semi_definite(
     assert 0 in counts
     assert 1 in counts
     assert max(counts) > LISTED
+    assert in_contact == {0, 1, 2}, "no node is filled, along the surface, with its depth"
 
 
 def test_the_operator_of_an_unfitted_pad_has_the_boards_stiffness(base: tuple[Tensors, dict[str, str]]) -> None:

@@ -118,12 +118,13 @@ class Methods:
         default = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES)
         progress(0.6)
         self._linear_pipeline = _pipeline(board, default)
-        self._pipeline, judged = self._linear_pipeline, default
-        if truth == "finite":
-            judged = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES, is_finite=True)
-            self._pipeline = _pipeline(board, judged)
+        self._pipeline = self._linear_pipeline
         usual = {"support.stiffness_sigma_1e6": "0"}  # a fitted pad errs as the error model has it
-        self._fitted_pipeline = _pipeline(board, replace(judged, metadata={**judged.metadata, **usual}))
+        self._fitted = {"linear": _pipeline(board, replace(default, metadata={**default.metadata, **usual}))}
+        if truth == "finite":
+            finite = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES, is_finite=True)
+            self._pipeline = _pipeline(board, finite)
+            self._fitted["finite"] = _pipeline(board, replace(finite, metadata={**finite.metadata, **usual}))
         assert default.support is not None
         self._second_pass = second_pass(board, default.matrix, default.support)
         self._linear = linear.matrix
@@ -139,7 +140,8 @@ class Methods:
 
     def close(self) -> None:
         self._linear_pipeline.close()
-        self._fitted_pipeline.close()
+        for pipeline in self._fitted.values():
+            pipeline.close()
         if self._pipeline is not self._linear_pipeline:
             self._pipeline.close()
 
@@ -184,9 +186,12 @@ class Methods:
         rough = bad_nodes.peers(lambda u: self._second_pass(u)[0])
         return rough | {"default": partial(self._as_the_board, self._linear_pipeline)}
 
-    def stated(self, u: Array, *, is_fitted: bool = True) -> coverage.Stated:
-        """Force that the board makes of a displacement; its uncertainty with a fitted material or the board's."""
-        pipeline = self._fitted_pipeline if is_fitted else self._linear_pipeline
+    def stated(self, u: Array, *, is_fitted: bool = True, strain: Strain = "linear") -> coverage.Stated:
+        """Force that the board makes of a displacement; its uncertainty with a fitted material or the board's.
+
+        strain: what a board with a fitted material is calibrated for; "finite" only where the truth is.
+        """
+        pipeline = self._fitted[strain] if is_fitted else self._linear_pipeline
         force = self._as_the_board(pipeline, u)
         sigma, upper = pipeline.sigma()
         sigma_n: Array = sigma * np.float64(self.board.field.force_lsb_un * 1e-6)

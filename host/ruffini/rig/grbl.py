@@ -11,6 +11,7 @@ from ruffini.rig.gcode_line import ANSWER_S, HOME_S, TURN_S, GcodeMachine
 from ruffini.rig.stage import Guard, Place, check_turned, moves, no_guard, turning
 
 START_S, REPORT_S, HOLD_S = 3.0, 0.02, 2.0
+HALT_ANSWER_S = 15.0  # whatever the patience: a bench that does not halt is told at once
 ARRIVED_M = 5e-6
 REPORT = re.compile(r"<(\w+(?::\d+)?)\|MPos:(-?[\d.]+(?:,-?[\d.]+){2,})")
 AXES = "XYZABCUVW"  # in the order of MPos
@@ -91,7 +92,7 @@ class Grbl(GcodeMachine):
         self._line.send(b"!")
         deadline = time.monotonic() + HOLD_S
         while time.monotonic() < deadline:
-            state, _ = self._report()
+            state, _ = self._report(HALT_ANSWER_S)
             if state in ("Hold:0", "Idle"):
                 self._reset()  # what was left of the move is forgotten
                 for text in ("G21", "G90"):
@@ -109,9 +110,9 @@ class Grbl(GcodeMachine):
                 raise NoDeviceError(f"{self.name} does not come up: is it blocked?")
             time.sleep(REPORT_S)
 
-    def _report(self) -> tuple[str, Place]:
+    def _report(self, timeout_s: float = ANSWER_S) -> tuple[str, Place]:
         self._line.send(b"?")
-        deadline = time.monotonic() + ANSWER_S
+        deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             line = self._line.next_line()
             if line is None:
@@ -120,7 +121,7 @@ class Grbl(GcodeMachine):
             if match:
                 return match[1], self._place([float(v) for v in match[2].split(",")])
             self._check(line)
-        raise NoDeviceError(f"{self.name} does not report its state for {ANSWER_S:g} s: is it plugged in?")
+        raise NoDeviceError(f"{self.name} does not report its state for {timeout_s:g} s: is it plugged in?")
 
     def _place(self, axes: list[float]) -> Place:
         self._axes = axes

@@ -144,7 +144,8 @@ def wrench_covariance(
         x, y = _limited(touch.x_um, LARGEST_PLACE), _limited(touch.y_um, LARGEST_PLACE)
         vectors.append((1, [shear, 0, 0, 0, 0, _limited(_rounded(-y * shear, 1000))]))
         vectors.append((1, [0, shear, 0, 0, 0, _limited(_rounded(x * shear, 1000))]))
-        vectors.append((1, [0, 0, normal, _rounded(y * normal, 1000), _rounded(-x * normal, 1000), 0]))
+        arms = [_limited(_rounded(arm * normal, 1000)) for arm in (y, -x)]
+        vectors.append((1, [0, 0, normal, *arms, 0]))
         for axis, which in ((3, 0), (4, 0), (5, 1)):
             arm = _limited(_rounded(lever[which] * _limited(touch.force_z_un, LARGEST_READING), 10**6))
             vectors += [(1, [v if i == axis else 0 for i in range(6)]) for v in (moment[which], arm)]

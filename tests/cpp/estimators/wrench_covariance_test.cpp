@@ -147,7 +147,7 @@ TEST(WrenchCovariance, LargestNumbersDoNotOverflow) {
   for (Contact& contact : list.contacts) contact = {.center_x_um = kFar, .center_y_um = -kFar, .force_z_un = -kFar};
   list.n_listed = ContactList::kMax;
   list.n_found = 100'000;
-  const WrenchCovariance c = model.run(wrench, list, {.n = 12'000, .n_filled = 12'000});
+  const WrenchCovariance c = model.run(wrench, list, {.n = 12'000, .n_filled = 12'000, .n_all_filled = 12'000});
   for (size_t i = 0; i < 6; ++i) {
     EXPECT_GT(at(c, i, i), 0) << i;
     for (size_t j = i + 1; j < 6; ++j) {

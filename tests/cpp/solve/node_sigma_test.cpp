@@ -117,7 +117,7 @@ TEST(NodeSigma, AddsTheRoughnessOfThePressureAround) {
   EXPECT_EQ(sigma[8].x, 1);  // nothing presses there
 }
 
-TEST(NodeSigma, IsTwiceAsLargeForTheShearOfFilledNodesAndNowhereElse) {
+TEST(NodeSigma, FilledComponentsStateMore) {
   Tables tables;
   tables.local = {1 << 14, 0, 0, 0, 1 << 14, 0, 0, 0};
   const std::vector<NodeForce> force = one_pressed({800, -600, -600});

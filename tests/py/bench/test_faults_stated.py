@@ -41,13 +41,15 @@ def methods(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(faults_stated, "on_pad", lambda *_: [contact()])
     monkeypatch.setattr(faults_stated, "drawn_modulus", lambda _: 1.0)
 
-    def stated(u: Any, *, is_fitted: bool) -> Stated:
+    def stated(u: Any, *, is_fitted: bool, strain: str) -> Stated:
+        calibrated.append(strain)
         force = 1.2 * contact().force
         sigma = np.where(np.isnan(u).any(), 1e-9, 0.125 * abs(force) + 1e-6)
         return Stated(force, sigma, np.diag([1.0] * 6))
 
+    calibrated: list[str] = []
     places = node_places(board_slab(BOARD), BOARD.observed)
-    return SimpleNamespace(board=BOARD, step_mm=STEP_MM, places=places, stated=stated)
+    return SimpleNamespace(board=BOARD, step_mm=STEP_MM, places=places, stated=stated, calibrated=calibrated)
 
 
 def test_known_errors_and_sigmas_are_what_the_row_says(methods: Any) -> None:
@@ -68,6 +70,7 @@ def test_finite_strain_is_judged_on_its_own_contacts_alone(methods: Any, monkeyp
     fault = next(one for one in faults_stated.FAULTS if one.strain == "finite")
     assert faults_stated.judge(methods, fault)[1] == "0.20"
     assert asked == [("gelslim", None, "finite")], "no pads whose material is off"
+    assert set(methods.calibrated) == {"finite"}
 
 
 def test_noise_correlates_with_the_next_node_as_the_row_says() -> None:
