@@ -49,7 +49,7 @@ class WrenchErrorModel {
   // where the error of the resultant was 1.07, 1.11 and 1.57 times as large (host/ruffini/fem/DESIGN.md, "Lost
   // markers").
   static constexpr int64_t kFilledShear = 6;
-  // A hole of 3.3 mm under 20 to 40 % of the touched nodes (development contacts, gelslim) makes the errors of fz, tx
+  // A hole of 3.3 mm under 20 to 40 % of the touched nodes (development contacts) makes the errors of fz, tx
   // and ty 1.1 to 1.7 times as large; a factor of 6 makes sigma 1.5 to 1.8 times as large.
   static constexpr int64_t kFilledNormal = 6;
 

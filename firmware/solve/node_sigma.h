@@ -48,7 +48,7 @@ class NodeSigmaModel {
   // all markers; at other nodes it grows by at most 1.3, and pressure is unaffected (host/ruffini/fem/DESIGN.md, "Lost
   // markers").
   static constexpr int32_t kFilledShear = 2;
-  // Of nodes whose depth is filled: in a hole of 3.3 mm (development contacts, gelslim) two thirds of the errors are
+  // Of nodes whose depth is filled: in a hole of 3.3 mm (development contacts) two thirds of the errors are
   // below 2.8 of the sigma of measured nodes, 95 % below 6.7. Cautious for a single node.
   static constexpr int32_t kFilledNormal = 3;
 
