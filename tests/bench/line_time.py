@@ -64,7 +64,7 @@ class Run:
     frame_ms: float  # all stages, mean
     latency_ms: dict[str, float]
     n_lost: int
-    machine_ms: dict[str, float]  # the machine's own delay, of real-time runs
+    machine_ms: dict[str, float]  # the machine's own delay, of real-time runs with the right to that
 
 
 def write_sensor(board: Board, folder: Path) -> None:
@@ -96,10 +96,19 @@ def busy(n_loops: int) -> Iterator[None]:
             loop.wait()
 
 
+def take_priority(number: int) -> bool:
+    """SCHED_FIFO for this process; False where it has no right to that, and stays as it is."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(number))
+    except PermissionError:
+        return False
+    return True
+
+
 def machine_delays(seconds: float, found: multiprocessing.Queue) -> None:
     """Milliseconds from every tenth frame's time to the end of COUNTED_MS of counting, below ruffini's priorities."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(MACHINE_PRIORITY))
+    take_priority(MACHINE_PRIORITY)
     period = 10 * 1e3 / RATE_MHZ
     delays = np.zeros(int(seconds / period))
     start = time.monotonic()
@@ -137,9 +146,8 @@ def measure(sensor: Path, board: Board, *, is_real_time: bool, n_frames: int) ->
                 host.flash((sensor / "calibration.safetensors").read_bytes())
                 read_for(host, WARM_S)
                 seconds = n_frames * 1e3 / RATE_MHZ
-                if is_real_time:
+                if has_priority := is_real_time and take_priority(READER_PRIORITY):
                     multiprocessing.Process(target=machine_delays, args=(seconds, machine), daemon=True).start()
-                    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(READER_PRIORITY))
                 before = host.status()
                 statuses = read_for(host, seconds)
         finally:
@@ -157,7 +165,7 @@ def measure(sensor: Path, board: Board, *, is_real_time: bool, n_frames: int) ->
         latency_ms={name: us / 1e3 for name, us in (("p50", late.p50_us), ("p99", late.p99_us),
                                                     ("p99.9", late.p999_us), ("largest", late.max_us))},
         n_lost=last.drops.capture_overrun - before.drops.capture_overrun,
-        machine_ms=own_delays(machine) if is_real_time else {},
+        machine_ms=own_delays(machine) if has_priority else {},
     )  # fmt: skip
 
 

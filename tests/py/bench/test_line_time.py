@@ -1,4 +1,4 @@
-"""The table of latencies: its row fits the document."""
+"""The table of latencies: its row fits the document, and a computer without real-time rights measures, too."""
 
 from __future__ import annotations
 
@@ -23,3 +23,11 @@ def test_a_run_is_a_row_of_the_document(is_real_time: bool) -> None:
     cells = ["| idle", "3600", "2", "1.4", "1.6", "3.5", "6.3", "70.0", *(["1.7", "4.0"] if own else ["", ""])]
     assert row.split(" | ")[: len(cells)] == cells
     assert row.count("|") == len(line_time.COLUMNS) + 1
+
+
+def test_without_the_right_to_it_nothing_is_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(line_time.os, "sched_setscheduler", refuse)
+    assert not line_time.take_priority(39)

@@ -113,6 +113,17 @@ def test_unplugged_is_told(pair):
         stage.move(FAR, 0.05)
 
 
+def test_one_that_does_not_answer_a_halt_is_told_whatever_the_patience(monkeypatch):
+    monkeypatch.setattr("ruffini.rig.grbl.HALT_ANSWER_S", 0.2)
+    with EmulatedGrbl() as machine:
+        stage = Grbl(machine.port)
+        stage.home()
+        machine.is_deaf = True
+        with pytest.raises(NoDeviceError, match=r"does not report its state for 0\.2 s"):
+            stage.halt()
+        stage.close()
+
+
 def test_after_a_limit_switch_it_can_still_be_raised(pair):
     machine, stage = pair
     stage.move(A, 0.5)
