@@ -1,7 +1,7 @@
 """Large strain: errors of the board's integers on a neo-Hookean pad, and the fit of what makes them small. SIMULATED.
 
     python tests/bench/large_strain.py --table docs/results/accuracy.md  # on FRESH, which the fit has never seen
-    python tests/bench/large_strain.py --fit                             # prints fem.finite_strain.FITTED
+    python tests/bench/large_strain.py --fit                             # prints fem.finite_strain.FITTED, ERROR_GROWTH
 
 --table replaces the rows in that document's section SECTION.
 
@@ -12,6 +12,7 @@ the twin cannot solve (edges 1.5 mm deep) are left out and named.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import datetime
 import sys
 from collections.abc import Callable, Iterator
@@ -30,17 +31,20 @@ from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.errors import RuffiniError
+from ruffini.estimators.operator.error_model import N_TOUCHES, node_places
 from ruffini.estimators.operator.fit import OperatorKind, board_slab, make_operator
 from ruffini.fem.condense import condense, surface_stiffness
-from ruffini.fem.finite_strain import EXACT, FITTED, LAYERS, Weights, finite_strain
+from ruffini.fem.finite_strain import ERROR_GROWTH, EXACT, FITTED, LAYERS, ErrorGrowth, Weights, finite_strain
 from ruffini.fem.operators import Noise
 from ruffini.fem.support import contact_mask, solve_on_support
+from ruffini.fem.uncertainty import NodeSample, at_stake, fit_variance
 from ruffini.files import write_whole
 from ruffini.reflection import dense_from_blocks, spd_inverse
 from ruffini.sim.cache import cached_state
 from ruffini.sim.contact import ContactSolver, Indenter, Pose
 from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit
+from ruffini.wire.covariance import full_covariance
 
 sys.path.append(str(Path(__file__).parents[1] / "hostile"))
 from table import commit
@@ -66,6 +70,7 @@ PRESSES: tuple[tuple[Touch, tuple[tuple[float, float, float], ...]], ...] = (
     (Touch("cylinder", 2.5, 0.5, -0.8), ((0, 0, 0), (0.2, 0, 0), (0.2, 0.3, 0))),
     (Touch("square", 2.4, -1.0, 0.5), ((-0.1, 0, 0), (-0.2, 0.1, 0.05), (-0.2, 0.1, 0.1))),
 )
+SEED = 1
 FIT_STEP, PRIOR = 0.2, 0.1  # of the weights' differences; of the start's own information
 FIT_RANGE = (0.05, 8.0)
 LEAST_SHEAR, TOTAL_WEIGHT = 0.15, 5.0  # of the force; of the total force's error
@@ -117,13 +122,50 @@ def attempt(key: str, solve: Callable[[], dict[str, Array]]) -> dict[str, Array]
     return cached_state(key, tried)
 
 
-def fit(board: Board) -> Weights:
-    """Weights with which the float second pass errs least on PRESSES; one linearised step from the best displacement.
+def fitted_on(board: Board) -> list[list[State]]:
+    """The states of each of PRESSES, as far as the twin solves them."""
+    unit = TwinUnit.build(board, twin=load_twin(board).with_pad(strain="finite", is_relaxing=False))
+    return [list(pressed(unit, touch, moves)) for touch, moves in PRESSES]
+
+
+def growth(board: Board, presses: list[list[State]]) -> ErrorGrowth:
+    """Factors on a linear pad's variances with which the board's sigmas are what they should be.
+
+    Each press is judged with weights that were fitted on the others.
+    """
+    step_n, places = board.field.force_lsb_un * 1e-6, node_places(board_slab(board), board.observed)
+    kind = make_operator(
+        board, method="support", noise=NOISE, n_touches=N_TOUCHES, is_finite=True, stiffness_sigma=0.0
+    )  # a fitted pad's, whose own error is in the error model
+    rng, noise = np.random.default_rng(SEED), Disturbance(white_um=WHITE_UM)
+    ratios: dict[str, list[Array]] = {name: [] for name in vars(ERROR_GROWTH)}
+    for i, left_out in enumerate(presses):
+        weights = fit(board, [state for press in presses[:i] + presses[i + 1 :] for state in press])
+        print(f"  without press {i + 1}: {weights}", file=sys.stderr)
+        with contextlib.closing(_pipeline(board, weighted(board, kind, weights))) as pipeline:
+            for state in left_out:
+                force = solved(board, pipeline, state.displacement + noise.draw(state.displacement.shape, rng))
+                sample = NodeSample(force / step_n, state.force / step_n)
+                chosen = at_stake(sample, board.contact.threshold_un * 1e-6 / step_n)
+                sigma, upper = pipeline.sigma()
+                error = force - state.force
+                ratio = (error / (sigma.reshape(error.shape) * step_n))[chosen]
+                ratios["shear"].append(ratio[:, :2].ravel())
+                ratios["normal"].append(ratio[:, 2])
+                wrench_sigma = np.sqrt(np.diag(full_covariance(upper)))
+                ratios["wrench"].append(places.wrench(error, np.zeros(2)) / wrench_sigma)
+    factor = {
+        name: fit_variance(np.ones((len(r), 1)), r)[0]
+        for name, r in ((n, np.concatenate(v)) for n, v in ratios.items())
+    }
+    return ErrorGrowth(**{name: float(now * factor[name]) for name, now in vars(ERROR_GROWTH).items()})
+
+
+def fit(board: Board, states: list[State]) -> Weights:
+    """Weights with which the float second pass errs least; one linearised step from the best displacement.
 
     The step keeps near the start, whose errors are those of the displacement that a linear pad would have.
     """
-    unit = TwinUnit.build(board, twin=load_twin(board).with_pad(strain="finite", is_relaxing=False))
-    states = [state for touch, moves in PRESSES for state in pressed(unit, touch, moves)]
     kind, condensed = make_operator(board, method="support", noise=NOISE, is_finite=True), condense(board_slab(board))
     assert kind.support is not None
     assert kind.beyond is not None
@@ -134,7 +176,7 @@ def fit(board: Board) -> Weights:
     def terms(u: Array) -> Array:
         return np.stack([replace(beyond, weights=one).force(u).ravel() for one in singles], axis=1)
 
-    def solved(u: Array, part: Array) -> Array:
+    def second_pass(u: Array, part: Array) -> Array:
         linear = kind.matrix @ u.ravel() + part
         mask, least_n = contact_mask(
             linear.reshape(u.shape)[..., 2], threshold_n=board.contact.threshold_un * 1e-6,
@@ -156,10 +198,10 @@ def fit(board: Board) -> Weights:
     for i, state in enumerate(states):
         u = state.displacement + Disturbance(white_um=WHITE_UM).draw(state.displacement.shape, np.random.default_rng(i))
         of_weights = terms(u)
-        at = _errors(state.force, solved(u, of_weights @ start))
+        at = _errors(state.force, second_pass(u, of_weights @ start))
         steps = start + FIT_STEP * np.eye(len(start))
         slopes.append(
-            np.stack([_errors(state.force, solved(u, of_weights @ w)) - at for w in steps], axis=1) / FIT_STEP
+            np.stack([_errors(state.force, second_pass(u, of_weights @ w)) - at for w in steps], axis=1) / FIT_STEP
         )
         errors.append(at)
     slope, error = np.concatenate(slopes), np.concatenate(errors)
@@ -190,11 +232,10 @@ def judge(board: Board) -> dict[str, list[str]]:
     """Print the errors of the board's integers on FRESH. Returns the cells of the rows' depths, by the row's name."""
     rows: dict[str, list[str]] = {}
     kind = make_operator(board, method="support", noise=NOISE, is_finite=True)
-    shape, lsb = (board.grid.n_y, board.grid.n_x), board.field.force_lsb_un
     plain = replace(kind, tensors={k: v for k, v in kind.tensors.items() if not k.startswith("finite_strain.")})
-    tables, integers = finite_strain(board_slab(board), shape, EXACT).tensors(lsb)
-    second = replace(kind, tensors=kind.tensors | tables, metadata=kind.metadata | integers)
-    linear, others = _pipeline(board, plain), {"second order": second, "`--strain finite`": kind}
+    linear, others = _pipeline(board, plain), {
+        "second order": weighted(board, kind, EXACT), "`--strain finite`": kind,
+    }  # fmt: skip
     for depth in DEPTHS_MM:
         states, unsolved = [], []
         for recipe in FRESH:
@@ -227,9 +268,7 @@ def report(board: Board, name: str, pipeline: Pipeline, states: list[State]) -> 
     for i, state in enumerate(states):
         for seed in range(3):
             u = state.displacement + noise.draw(state.displacement.shape, np.random.default_rng((7, i, seed)))
-            steps = np.round(u / DISPLACEMENT_LSB_M).astype(np.int16)
-            force = pipeline.solve(steps.reshape(1, -1, 3)) * (board.field.force_lsb_un * 1e-6)
-            scores.add(state, force.reshape(state.force.shape), step_mm(board))
+            scores.add(state, solved(board, pipeline, u), step_mm(board))
     m = scores.means()
     errors = f"tangential {m['tangential']:.3f}, normal {m['normal']:.3f}, total {1e3 * m['resultant_n']:.0f} mN"
     print(f"  {name:34}{errors}", flush=True)
@@ -239,6 +278,20 @@ def report(board: Board, name: str, pipeline: Pipeline, states: list[State]) -> 
 def step_mm(board: Board) -> tuple[float, float]:
     pad, grid = board.pad, board.grid
     return pad.size_x_um * 1e-3 / (grid.n_x - 1), pad.size_y_um * 1e-3 / (grid.n_y - 1)
+
+
+def weighted(board: Board, kind: OperatorKind, weights: Weights) -> OperatorKind:
+    """An operator for finite strain with other weights."""
+    beyond = finite_strain(board_slab(board), (board.grid.n_y, board.grid.n_x), weights)
+    tables, integers = beyond.tensors(board.field.force_lsb_un)
+    return replace(kind, tensors=kind.tensors | tables, metadata=kind.metadata | integers)
+
+
+def solved(board: Board, pipeline: Pipeline, displacement_m: Array) -> Array:
+    """The board's nodal forces (n_y, n_x, 3) N."""
+    steps = np.round(displacement_m / DISPLACEMENT_LSB_M).astype(np.int16)
+    force = pipeline.solve(steps.reshape(1, -1, 3)) * (board.field.force_lsb_un * 1e-6)
+    return np.asarray(force.reshape(displacement_m.shape), np.float64)
 
 
 def _pipeline(board: Board, kind: OperatorKind) -> Pipeline:
@@ -253,7 +306,9 @@ def main() -> None:
     chosen = parser.parse_args()
     board = find_board(chosen.board)
     if chosen.fit:
-        print(f"fitted: {fit(board)}\nnow:    {FITTED}")
+        presses = fitted_on(board)
+        print(f"fitted: {fit(board, [state for press in presses for state in press])}\nnow:    {FITTED}", flush=True)
+        print(f"fitted: {growth(board, presses)}\nnow:    {ERROR_GROWTH}")
         return
     at, date = commit(JUDGED), datetime.date.today().isoformat()
     rows = judge(board)

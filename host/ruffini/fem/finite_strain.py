@@ -68,6 +68,20 @@ STEPS_RANGE, POISSON_RANGE = (0.06, 0.2), (0.012, 0.03)
 
 
 @dataclass(frozen=True)
+class ErrorGrowth:
+    """Variances over those of a linear pad, of nodal shear, of nodal normal force and of the wrench."""
+
+    shear: float
+    normal: float
+    wrench: float
+
+
+# The error model's touches are linear; what the weights leave comes on top. From the same presses as FITTED, and by the
+# same command; proved on other shapes (tests/bench/faults_stated.py).
+ERROR_GROWTH = ErrorGrowth(shear=2.5, normal=2.7, wrench=1.2)
+
+
+@dataclass(frozen=True)
 class FiniteStrain:
     """Tables of Q for n_x x n_y nodes. P planes and P layers from the surface down, m_y x m_x waves.
 

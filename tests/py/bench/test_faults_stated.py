@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.bench.coverage import Stated
 from ruffini.bench.states import Recipe, State, Touch
 from ruffini.boards import find_board
-from ruffini.estimators.operator.error_model import node_places
-from ruffini.estimators.operator.fit import board_slab
+from ruffini.estimators.operator.error_model import VARIANCE_RANGE, node_places
+from ruffini.estimators.operator.fit import board_slab, make_operator
+from ruffini.fem.finite_strain import ERROR_GROWTH
+from ruffini.fem.operators import Noise
 
 ROOT = Path(__file__).resolve().parents[3]
 sys.path.append(str(ROOT / "tests" / "bench"))
@@ -24,6 +27,7 @@ import gels  # noqa: E402
 BOARD = find_board("gelslim")
 SHAPE = (BOARD.grid.n_y, BOARD.grid.n_x, 3)
 STEP_MM = (20 / 30, 16 / 24)
+NOISE, N_FEW = Noise((5e-6, 5e-6, 20e-6)), 24
 
 
 def contact() -> State:
@@ -88,3 +92,21 @@ def test_the_hole_is_under_the_contact_and_as_wide_as_the_row_says(methods: Any)
     across_mm = np.ptp(missing, axis=0) * STEP_MM[0]
     assert (across_mm > faults_stated.HOLE_MM - 2 * STEP_MM[0]).all()
     assert (across_mm <= faults_stated.HOLE_MM).all()
+
+
+def test_a_pad_at_finite_strain_states_more_than_a_linear_one() -> None:
+    """The variances grow by `ERROR_GROWTH`, in every term: the touches of the error model are those of a linear pad."""
+    made = {
+        finite: kept(make_operator, BOARD, method="support", noise=NOISE, n_touches=N_FEW, is_finite=finite).tensors
+        for finite in (False, True)
+    }
+    for name in ("support.error_reported", "support.error_quiet", "support.error_local"):
+        linear, finite = made[False][name], made[True][name]
+        for axes, growth in zip((0, 1), (ERROR_GROWTH.shear, ERROR_GROWTH.normal), strict=True):
+            at_least = VARIANCE_RANGE[0] if name != "support.error_local" else 0
+            wanted = np.maximum(growth * linear[axes], at_least)
+            is_raised = linear[axes] == at_least  # by the board's own limit
+            np.testing.assert_allclose(finite[axes][~is_raised], wanted[~is_raised], rtol=0.01, atol=growth)
+    linear, finite = (made[is_finite]["support.error_wrench"] for is_finite in (False, True))
+    np.testing.assert_allclose(finite, np.sqrt(ERROR_GROWTH.wrench) * linear, rtol=0.01, atol=1)
+    assert min(vars(ERROR_GROWTH).values()) > 1

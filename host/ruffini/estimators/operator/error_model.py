@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter, label
 from threadpoolctl import threadpool_limits
 
 from ruffini.errors import InputError
+from ruffini.fem.finite_strain import ErrorGrowth
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import Slab
 from ruffini.fem.touches import MaterialSpread, Touch, TouchMaker
@@ -52,6 +53,12 @@ class ErrorModel:
 
     node: NodeError
     wrench: WrenchError
+
+    def grown(self, growth: ErrorGrowth) -> ErrorModel:
+        """The same with larger variances."""
+        both, all_axes = np.array([growth.shear, growth.normal])[:, None], np.sqrt(growth.wrench)
+        node = NodeError(self.node.reported * both, self.node.quiet * both, self.node.local * both)
+        return ErrorModel(node, WrenchError(*(part * all_axes for part in vars(self.wrench).values())))
 
 
 @dataclass(frozen=True)
