@@ -5,7 +5,8 @@ Of each pad, colours come from its own ball presses and E, Poisson's ratio and t
 on a log of other presses; nothing is given. Judged: balls of 4-8 mm and flats of 3-6 mm, 0.3-1.0 mm deep, all sheared,
 half turned. Then where the error comes from: the same frames solved again with one part of the displacement, or the
 material, replaced by the truth. `--development` plays other seeds, for whoever looks for something better. `--network`
-judges a network of `ruffini train displacement` on the same frames, with the same operator in float64.
+judges a network of `ruffini train displacement` on the same frames, with the same operator in float64. `--nodes-of`
+judges the same forces once more, added up on another board's nodes: finer nodes show finer errors.
 """
 
 from __future__ import annotations
@@ -84,9 +85,9 @@ class Row:
     scores: Scores = field(default_factory=Scores)
     over_wanted: list[float] = field(default_factory=list)  # error of the resultant over what is wanted
 
-    def add(self, frames: Frames, force: Array, step_mm: tuple[float, float]) -> None:
-        for true_u, true, found in zip(frames.true_u, frames.true_force, force, strict=True):
-            state = State(ANY, 0.0, true, true_u)
+    def add(self, truth: Array, force: Array, step_mm: tuple[float, float]) -> None:
+        for true, found in zip(truth, force, strict=True):
+            state = State(ANY, 0.0, true, np.zeros_like(true))
             self.scores.add(state, found, step_mm)
             self.over_wanted.append(self.scores.resultant_n[-1] / (READING * state.resultant_n + FLOOR_N))
 
@@ -195,15 +196,37 @@ def routes(board: Board, frames: Frames) -> dict[str, Integers]:
     }
 
 
-def judge(
-    board: Board, frames: Frames, own: OperatorKind, files: dict[str, container.CalibrationFile], into: Total
-) -> None:
-    """Add one pad; `files`: of the fitted, the board's and the true material."""
+def step_mm(board: Board) -> tuple[float, float]:
     pad, grid = board.pad, board.grid
-    step_mm = (pad.size_x_um * 1e-3 / (grid.n_x - 1), pad.size_y_um * 1e-3 / (grid.n_y - 1))
+    return pad.size_x_um * 1e-3 / (grid.n_x - 1), pad.size_y_um * 1e-3 / (grid.n_y - 1)
+
+
+def added_up(board: Board, nodes_of: Board, force: Array) -> Array:
+    """Nodal forces (k, n_y, n_x, 3) on the nodes of another board's grid over the same pad, by bilinear shares.
+
+    Force and moment stay what they are.
+    """
+
+    def shares(n_here: int, n_there: int) -> Array:
+        here, there = np.linspace(0, 1, n_here), np.linspace(0, 1, n_there)
+        return np.array([np.interp(here, there, one) for one in np.eye(n_there)])
+
+    along_y, along_x = shares(board.grid.n_y, nodes_of.grid.n_y), shares(board.grid.n_x, nodes_of.grid.n_x)
+    return np.einsum("yj,kjic,xi->kyxc", along_y, force, along_x, optimize=True)
+
+
+def judge(
+    board: Board, frames: Frames, own: OperatorKind, files: dict[str, container.CalibrationFile], into: Total,
+    nodes_of: Board | None = None,
+) -> None:  # fmt: skip
+    """Add one pad; `files`: of the fitted, the board's and the true material."""
 
     def add(name: str, force: Array) -> None:
-        into.rows.setdefault(name, Row()).add(frames, force, step_mm)
+        into.rows.setdefault(name, Row()).add(frames.true_force, force, step_mm(board))
+        if nodes_of is not None:
+            truth, found = (added_up(board, nodes_of, f) for f in (frames.true_force, force))
+            row = into.rows.setdefault(f"{name}, {nodes_of.name}'s nodes", Row())
+            row.add(truth, found, step_mm(nodes_of))
 
     with Pipeline(board, files["fitted"].data) as pipeline:
         for name, u in routes(board, frames).items():
@@ -257,7 +280,7 @@ def noise_of(board: Board, material: Material | None = None) -> Noise:
 
 def run_pad(
     board: Board, believed: OperatorKind, number: int, n_presses: int, seed: int, network: Path | None, folder: Path,
-    into: Total,
+    into: Total, nodes_of: Board | None,
 ) -> None:  # fmt: skip
     """Simulate, calibrate and judge one pad."""
     error = PadError(*(1 + OFF * s for s in SIGNS[number]))
@@ -282,7 +305,7 @@ def run_pad(
     frames = play(board, files["fitted"], folder / "touches")
     if network is not None:
         frames.network_u = network_displacement(board, network, folder / "touches")
-    judge(board, frames, own, files, into)
+    judge(board, frames, own, files, into, nodes_of)
 
 
 def summary(total: Total) -> dict[str, Any]:
@@ -309,10 +332,10 @@ def tables(board: Board, s: dict[str, Any]) -> str:
         f"{100 * OFF:.0f} % off, fitted by cal material; colours from ball presses",
         f"whole frame {camera.width_px}x{camera.height_px}, difference to contacts: {s['frame_ms_median']:.2f} ms "
         "median, one core",
-        f"{'':36}{'tangential':>11}{'normal':>8}{'resultant':>12}{'within':>8}{'worst':>7}",
+        f"{'':52}{'tangential':>11}{'normal':>8}{'resultant':>12}{'within':>8}{'worst':>7}",
     ]
     lines += [
-        f"  {name:34}{r['tangential']:11.3f}{r['normal']:8.3f}{1e3 * r['resultant_n']:9.1f} mN"
+        f"  {name:50}{r['tangential']:11.3f}{r['normal']:8.3f}{1e3 * r['resultant_n']:9.1f} mN"
         f"{r['within_percent']:6.0f} %{r['worst_over_wanted']:7.2f}"
         for name, r in s["rows"].items()
     ]
@@ -342,18 +365,25 @@ def main() -> None:
     parser.add_argument("--pads", type=int, choices=range(1, len(SIGNS) + 1), default=len(SIGNS), help="how many")
     parser.add_argument("--development", action="store_true", help="presses that are not judged")
     parser.add_argument("--network", type=Path, help="displacement.onnx (default: out/train/BOARD's, if it is there)")
+    parser.add_argument("--nodes-of", metavar="BOARD", help="judge on this board's nodes, too")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
     arguments = parser.parse_args()
     board = find_board(arguments.board)
     network = arguments.network or NETWORK_FILE / board.name / "displacement.onnx"
     if arguments.network is None and not network.is_file():
         network = None
+    nodes_of = None if arguments.nodes_of is None else find_board(arguments.nodes_of)
+    if nodes_of is not None and (nodes_of.pad.size_x_um, nodes_of.pad.size_y_um) != (
+        board.pad.size_x_um, board.pad.size_y_um,
+    ):  # fmt: skip
+        parser.error(f"--nodes-of {nodes_of.name}: its pad has another size than {board.name}'s")
     believed = make_operator(board, method="support", noise=noise_of(board))
     seed = DEVELOPMENT_SEED if arguments.development else JUDGED_SEED
     total = Total()
     with tempfile.TemporaryDirectory(prefix="ruffini-accuracy-") as scratch:
         for number in range(arguments.pads):
-            run_pad(board, believed, number, arguments.presses, seed, network, Path(scratch) / str(number), total)
+            folder = Path(scratch) / str(number)
+            run_pad(board, believed, number, arguments.presses, seed, network, folder, total, nodes_of)
             print(f"pad {number + 1} of {arguments.pads} done", file=sys.stderr)
     s = summary(total)
     print(json.dumps(s) if arguments.json else tables(board, s))
