@@ -176,6 +176,7 @@ def test_six_axes_over_the_network_that_stand_turned(
     with EmulatedGrbl() as machine, EmulatedPage(4.0) as page:
         desk = Desk(bench_twin, tmp_path, Hanging(machine, bench_twin.unit, Indenter("sphere", 0.003)), capsys)
         desk.bench.cell.mount = Mount((0.0, 0.0, 90.0))  # the pad's x is its y
+        desk.bench.cell.loses_each = 10
         origin = ", ".join(f"{1e3 * v:.3f}" for v in ORIGIN)
         rig = f"""[reference]
 kind = "network"
@@ -191,13 +192,24 @@ port = "{machine.port}"
 origin_mm = [{origin}]
 """
         with desk.running(), desk.bench.cell:
-            _, log = desk.collect(monkeypatch, rig + LIMITS, "--n", 3, "--depth-mm", 0.5, "--shear-mm", 0.5)
+            words = ("--n", 3, "--depth-mm", 0.5, "--shear-mm", 0.5, "--out", tmp_path / "log.h5")
+            code, _, said = desk.run(
+                monkeypatch, rig + LIMITS, "collect", "--calibration", tmp_path / "calibration", *words
+            )
+        assert code == 0, said
+    log = read_log(tmp_path / "log.h5")
     for touch in log.touches:
         truth = touch.arrays["reference_wrench"][is_held(touch.arrays["reference_s"], touch.facts)].mean(axis=0)
         assert truth[2] < -0.09
         shear = np.array([touch.facts["shear_x_m"], touch.facts["shear_y_m"]])
         if shear.any():
             assert truth[:2] @ shear > 0.9 * np.linalg.norm(truth[:2]) * np.linalg.norm(shear)
+    n_lost = [touch.facts["lost_packets"] for touch in log.touches]
+    assert log.found["reference"]["lost_packets"] == sum(n_lost)
+    for touch, n in zip(log.touches, n_lost, strict=True):
+        assert n == pytest.approx(len(touch.arrays["reference_s"]) / 9, abs=1.5)
+    assert "packets of the reference were lost: check the network" in log.found["checks"]["rate"]["text"]
+    assert "packets of the reference were lost" in said
 
 
 def test_weights(bench_twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:

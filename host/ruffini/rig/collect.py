@@ -154,6 +154,7 @@ def finish(log: LogWriter, bench: Bench) -> None:
     reference = {
         "name": facts.name, "unit": facts.unit, "axes": facts.axes, "rate_hz": facts.rate_hz,
         "measured_rate_hz": checks.get("rate", {}).get("rate_hz"),
+        "lost_packets": sum(touch.facts.get("lost_packets", 0) for touch in log.touches().values()),
         "full_scale": np.where(np.isnan(facts.full_scale), 0, facts.full_scale).tolist(),
         "sigma": np.where(np.isnan(facts.sigma), 0, facts.sigma).tolist(),
     }  # fmt: skip
@@ -177,7 +178,7 @@ def _good_touch(bench: Bench, i: int, item: Item, again: Callable[[str], None]) 
 
 def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     """Perform one touch; returns its record and its faults."""
-    start = host_clock.now()
+    start, n_lost = host_clock.now(), bench.reference.n_lost
     bench.stream.forget(start)
     drift = bench.tare_again()
     path: list[tuple[float, Place]] = []
@@ -190,6 +191,8 @@ def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     if warmth := bench.stream.temperatures():
         facts[CELSIUS] = warmth
     bench.catch_up(facts["lifted_host_s"])
+    if n_lost := bench.reference.n_lost - n_lost:
+        facts["lost_packets"] = n_lost
     readings = bench.reference.since(start)
     held = [r for r in readings if facts["held_host_s"] < r.host_s < facts["lifted_host_s"]]
     facts["is_saturated"] = any(r.is_saturated for r in held)
@@ -284,4 +287,7 @@ def rehearse(plan: Sequence[Item], limits: Limits | None) -> Rehearsal:
 
 def _line(record: TouchRecord) -> str:
     force_n = np.linalg.norm(np.nan_to_num(record.arrays["reference_wrench"][:, :3]), axis=1).max()
-    return f"{record.facts['told']}: {force_n:.2f} N"
+    n_lost = record.facts.get("lost_packets", 0)
+    return (
+        f"{record.facts['told']}: {force_n:.2f} N{f'; {n_lost} packets of the reference were lost' if n_lost else ''}"
+    )

@@ -62,8 +62,10 @@ class EmulatedNetworkCell:
         self.settings = Settings(PER_COUNT, "N", "Nm", rate_hz)  # what its page would say
         self.mount, self.gain, self.drift, self.delay_s = mount, np.ones(6), np.zeros(6), 0.0
         self.is_plugged, self.is_saturated = True, False
+        self.loses_each = 0  # n: the network loses each n-th record
+        self._n_told = 0
         self._rng = np.random.default_rng(seed)
-        self._told: queue.SimpleQueue[tuple[float, Array]] = queue.SimpleQueue()
+        self._told: queue.SimpleQueue[tuple[float, Array | None]] = queue.SimpleQueue()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.setblocking(False)
@@ -83,9 +85,11 @@ class EmulatedNetworkCell:
 
     def measure(self, frame: int, wrench: Array) -> None:
         """Set the wrench on the pad. Thread-safe."""
-        if self._peer is not None and self.is_plugged and not self.delay_s:
+        self._n_told += 1
+        is_lost = self.loses_each > 0 and self._n_told % self.loses_each == 0
+        if self._peer is not None and self.is_plugged and not self.delay_s and not is_lost:
             host_clock.has_spoken()
-        self._told.put((host_clock.now() + self.delay_s, wrench.copy()))
+        self._told.put((host_clock.now() + self.delay_s, None if is_lost else wrench.copy()))
 
     def _run(self) -> None:
         sequence = 0
@@ -99,7 +103,8 @@ class EmulatedNetworkCell:
             self._listen()
             if self._peer is not None and self.is_plugged:
                 sequence += 1
-                self._socket.sendto(self._record(sequence, wrench), self._peer)
+                if wrench is not None:
+                    self._socket.sendto(self._record(sequence, wrench), self._peer)
 
     def _listen(self) -> None:
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError, struct.error):

@@ -67,6 +67,11 @@ class Reference(Protocol):
         """Close the device."""
 
 
+def lost_packets(reference: Reference) -> int:
+    """Packets missing so far, by the numbers that a reference gives them; 0 where it gives none."""
+    return int(getattr(reference, "n_lost", 0))
+
+
 def pressing(value: float) -> Array:
     """(6,) with a value on z and NaN elsewhere."""
     out = NONE.copy()

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
-from ruffini.rig.reference import Facts, Reading, Reference
+from ruffini.rig.reference import Facts, Reading, Reference, lost_packets
 
 Array = npt.NDArray[np.float64]
 
@@ -43,6 +43,10 @@ class Turned:
 
     def read(self, timeout_s: float) -> list[Reading]:
         return [r._replace(wrench=self._carried(r.wrench)) for r in self._reference.read(timeout_s)]
+
+    @property
+    def n_lost(self) -> int:
+        return lost_packets(self._reference)
 
     def _carried(self, wrench: Array) -> Array:
         force = self._matrix @ wrench[:3]

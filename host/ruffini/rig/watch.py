@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ruffini import host_clock
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
-from ruffini.rig.reference import AXES, Facts, Reading, Reference
+from ruffini.rig.reference import AXES, Facts, Reading, Reference, lost_packets
 from ruffini.wake_event import WakeEvent
 
 Array = npt.NDArray[np.float64]
@@ -148,6 +148,11 @@ class Watch:
         with self._lock:
             self._zero = self._zero + change
         return change
+
+    @property
+    def n_lost(self) -> int:
+        """Packets missing so far, by the numbers that the reference gives them; 0 where it gives none."""
+        return lost_packets(self._reference)
 
     def check_rate(self, readings: Sequence[Reading]) -> float:
         """Readings per second; raises RefusedError where that is half of what is stated, or less."""
