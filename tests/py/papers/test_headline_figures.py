@@ -45,7 +45,8 @@ def of_skin() -> dict[str, Figure]:
         "forces": {f"points 3 to 9, {n}": force for n in averages} | edge,
         "both_ways": {"points 3 to 9": {"down": 1.0, "up": 2.0}, "edge points": {"down": 10.7, "up": 11.3}},
         "loops": {speed: loop for speed in ("0.1", "0.5", "1", "2", "4")},
-        "trials": {"brightness": 0.3, "ours": 0.2}, "two_fingers": {"across": 0.91, "along": 0.64, "round": 0.33},
+        "trials": {"brightness": 0.3, "ours": 0.2},
+        "two_fingers": {"15 mm, across": 0.91, "15 mm, along": 0.64, "15 mm, round": 0.33},
         "unflagged": {"wrong": 2}, "stated": {"force": COVERED, "place": COVERED},
     })  # fmt: skip
 
