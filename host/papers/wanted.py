@@ -7,6 +7,7 @@ at_most = 1.0                    # or at_least, or both for a range
 worse_part = 0.1                 # by how much of the frozen figure a run may be worse
 worse_by = 0.0                   # the same in the figure's unit; the larger of both counts
 limit = ""                       # of a figure that is not met: the experiment that shows why, or "open"
+limit_quick = ""                 # the same where only the run with --quick does not meet it
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ class WantedFigure(Section):
     worse_part: Annotated[float, Field(ge=0, le=1)] = 0.1
     worse_by: Annotated[float, Field(ge=0)] = 0.0
     limit: Annotated[str, Field(max_length=300)] = ""
+    limit_quick: Annotated[str, Field(max_length=300)] = ""
 
     @model_validator(mode="after")
     def _has_a_side(self) -> WantedFigure:
@@ -51,6 +53,10 @@ class WantedFigure(Section):
         if value is None or not math.isfinite(value):
             return False
         return (self.at_most is None or value <= self.at_most) and (self.at_least is None or value >= self.at_least)
+
+    def reason(self, *, quick: bool) -> str:
+        """Why it is not met."""
+        return (quick and self.limit_quick) or self.limit
 
     def badness(self, value: float) -> float:
         """Larger is worse, in the figure's unit; of a range, how far outside it."""
@@ -158,7 +164,7 @@ def table(board: Board, rows: list[Row], *, quick: bool) -> str:
     unmet = [row for row in played if not row.wanted.is_met(row.ours)]
     left_out = f"; not in the quick subset: {len(rows) - len(played)}" if quick else ""
     lines.append(f"  met: {len(played) - len(unmet)} of {len(played)}{left_out}")
-    lines += [f"  not met, {row.wanted.name}: {row.wanted.limit or 'NO REASON STATED'}" for row in unmet]
+    lines += [f"  not met, {row.wanted.name}: {row.wanted.reason(quick=quick) or 'NO REASON STATED'}" for row in unmet]
     return "\n".join(lines)
 
 

@@ -201,6 +201,11 @@ def step_mm(board: Board) -> tuple[float, float]:
     return pad.size_x_um * 1e-3 / (grid.n_x - 1), pad.size_y_um * 1e-3 / (grid.n_y - 1)
 
 
+def is_whole(board: Board) -> bool:
+    """Whether each node of the pad is observed."""
+    return board.observed == (slice(0, board.grid.n_y), slice(0, board.grid.n_x))
+
+
 def added_up(board: Board, nodes_of: Board, force: Array) -> Array:
     """Nodal forces (k, n_y, n_x, 3) on the nodes of another board's grid over the same pad, by bilinear shares.
 
@@ -373,6 +378,8 @@ def main() -> None:
     if arguments.network is None and not network.is_file():
         network = None
     nodes_of = None if arguments.nodes_of is None else find_board(arguments.nodes_of)
+    if nodes_of is not None and not (is_whole(board) and is_whole(nodes_of)):
+        parser.error("--nodes-of: both boards must see all of their pad")
     if nodes_of is not None and (nodes_of.pad.size_x_um, nodes_of.pad.size_y_um) != (
         board.pad.size_x_um, board.pad.size_y_um,
     ):  # fmt: skip

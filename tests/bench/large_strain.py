@@ -1,7 +1,7 @@
 """Large strain: errors of the board's integers on a neo-Hookean pad, and the fit of what makes them small. SIMULATED.
 
     python tests/bench/large_strain.py --table docs/results/accuracy.md  # on FRESH, which the fit has never seen
-    python tests/bench/large_strain.py --fit                             # prints fem.finite_strain.FITTED, ERROR_GROWTH
+    python tests/bench/large_strain.py --fit                             # prints what fem.finite_strain has fitted
 
 --table replaces the rows in that document's section SECTION.
 
@@ -34,7 +34,17 @@ from ruffini.errors import RuffiniError
 from ruffini.estimators.operator.error_model import N_TOUCHES, node_places
 from ruffini.estimators.operator.fit import OperatorKind, board_slab, make_operator
 from ruffini.fem.condense import condense, surface_stiffness
-from ruffini.fem.finite_strain import ERROR_GROWTH, EXACT, FITTED, LAYERS, ErrorGrowth, Weights, finite_strain
+from ruffini.fem.finite_strain import (
+    EXACT,
+    EXACT_GROWTH,
+    FITTED,
+    FITTED_GROWTH,
+    LAYERS,
+    ErrorGrowth,
+    Weights,
+    error_growth,
+    finite_strain,
+)
 from ruffini.fem.operators import Noise
 from ruffini.fem.support import contact_mask, solve_on_support
 from ruffini.fem.uncertainty import NodeSample, at_stake, fit_variance
@@ -128,21 +138,20 @@ def fitted_on(board: Board) -> list[list[State]]:
     return [list(pressed(unit, touch, moves)) for touch, moves in PRESSES]
 
 
-def growth(board: Board, presses: list[list[State]]) -> ErrorGrowth:
+def growth(board: Board, presses: list[list[State]], weights_for: Callable[[list[State]], Weights]) -> ErrorGrowth:
     """Factors on a linear pad's variances with which the board's sigmas are what they should be.
 
-    Each press is judged with weights that were fitted on the others.
+    `weights_for` gets the states of all other presses than the one that is judged.
     """
     step_n, places = board.field.force_lsb_un * 1e-6, node_places(board_slab(board), board.observed)
-    kind = make_operator(
+    fitted_pad = make_operator(
         board, method="support", noise=NOISE, n_touches=N_TOUCHES, is_finite=True, stiffness_sigma=0.0
-    )  # a fitted pad's, whose own error is in the error model
+    )  # its own error is in the error model
     rng, noise = np.random.default_rng(SEED), Disturbance(white_um=WHITE_UM)
-    ratios: dict[str, list[Array]] = {name: [] for name in vars(ERROR_GROWTH)}
+    ratios: dict[str, list[Array]] = {name: [] for name in vars(FITTED_GROWTH)}
     for i, left_out in enumerate(presses):
-        weights = fit(board, [state for press in presses[:i] + presses[i + 1 :] for state in press])
-        print(f"  without press {i + 1}: {weights}", file=sys.stderr)
-        with contextlib.closing(_pipeline(board, weighted(board, kind, weights))) as pipeline:
+        weights = weights_for([state for press in presses[:i] + presses[i + 1 :] for state in press])
+        with contextlib.closing(_pipeline(board, weighted(board, fitted_pad, weights))) as pipeline:
             for state in left_out:
                 force = solved(board, pipeline, state.displacement + noise.draw(state.displacement.shape, rng))
                 sample = NodeSample(force / step_n, state.force / step_n)
@@ -154,11 +163,9 @@ def growth(board: Board, presses: list[list[State]]) -> ErrorGrowth:
                 ratios["normal"].append(ratio[:, 2])
                 wrench_sigma = np.sqrt(np.diag(full_covariance(upper)))
                 ratios["wrench"].append(places.wrench(error, np.zeros(2)) / wrench_sigma)
-    factor = {
-        name: fit_variance(np.ones((len(r), 1)), r)[0]
-        for name, r in ((n, np.concatenate(v)) for n, v in ratios.items())
-    }
-    return ErrorGrowth(**{name: float(now * factor[name]) for name, now in vars(ERROR_GROWTH).items()})
+    now = vars(error_growth(board_slab(board)))  # the sigmas have it already
+    found = {name: np.concatenate(parts) for name, parts in ratios.items()}
+    return ErrorGrowth(**{n: float(now[n] * fit_variance(np.ones((len(r), 1)), r)[0]) for n, r in found.items()})
 
 
 def fit(board: Board, states: list[State]) -> Weights:
@@ -301,14 +308,17 @@ def _pipeline(board: Board, kind: OperatorKind) -> Pipeline:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--board", default="gelslim", help="a board with a flat pad and a window as large as it")
-    parser.add_argument("--fit", action="store_true", help="fit the weights instead")
+    parser.add_argument("--fit", action="store_true", help="fit the weights and the growth of the errors instead")
     parser.add_argument("--table", type=Path, metavar="FILE", help="write the rows into this document")
     chosen = parser.parse_args()
     board = find_board(chosen.board)
     if chosen.fit:
         presses = fitted_on(board)
         print(f"fitted: {fit(board, [state for press in presses for state in press])}\nnow:    {FITTED}", flush=True)
-        print(f"fitted: {growth(board, presses)}\nnow:    {ERROR_GROWTH}")
+        print(
+            f"fitted: {growth(board, presses, lambda others: fit(board, others))}\nnow:    {FITTED_GROWTH}", flush=True
+        )
+        print(f"second order: {growth(board, presses, lambda _: EXACT)}\nnow:          {EXACT_GROWTH}")
         return
     at, date = commit(JUDGED), datetime.date.today().isoformat()
     rows = judge(board)

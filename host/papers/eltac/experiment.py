@@ -43,7 +43,7 @@ FULL_SCALE_N = LARGEST_N
 LEVELS_N = np.arange(2.0, LARGEST_N, 0.5)  # where loading and unloading are compared
 FELT_N = 0.8  # a touch must be told above this load
 PANEL_MM = 42.9  # middle of the panels, which tools touch in the twin
-RESOLVED_MM = 5.0  # a finger counts as found within this of its place: a third of the distance
+RESOLVED_MM = 5.0  # a finger counts as found within this of its place: a third of the smallest distance
 PAPER_PLACE_MM = {"1": 6.22, "2": 6.47, "3": 6.37, "4": 6.90, "5": 7.19}
 PAPER_FORCE = {10: (10.6, 8.2), 5: (10.2, 7.7), 3: (9.3, 7.6), 1: (11.7, 7.8)}  # Table I: mean, standard deviation
 PAPER_LOSS = {0.1: 28.27, 0.5: 25.68, 1.0: 23.27, 2.0: 21.62, 4.0: 23.84}  # Table II
@@ -274,10 +274,7 @@ def _trials(played: list[Played]) -> dict[str, float]:
 
 
 def _two_fingers(played: list[Played]) -> dict[str, float]:
-    """Part of the frames above 2 N in which both fingers are told within RESOLVED_MM.
-
-    By their distance and how they lie on the tube.
-    """
+    """Part of the frames above 2 N with both fingers told within RESOLVED_MM, of each distance and direction."""
     told: dict[str, list[bool]] = {}
     for p in sorted(played, key=lambda p: p.name):
         second = getattr(p.recorded.run.settings, "second", None)
@@ -289,7 +286,7 @@ def _two_fingers(played: list[Played]) -> dict[str, float]:
             for found, load, way in zip(p.touches, p.load, p.way, strict=True)
             if load > 2.0
         )
-    return {how: float(np.mean(frames)) for how, frames in told.items()}
+    return {how: float(np.mean(frames)) for how, frames in told.items() if frames}
 
 
 def fingers(p: Played, way_m: float) -> list[Array]:

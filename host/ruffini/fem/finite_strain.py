@@ -77,8 +77,9 @@ class ErrorGrowth:
 
 
 # The error model's touches are linear; what the weights leave comes on top. From the same presses as FITTED, and by the
-# same command; proved on other shapes (tests/bench/faults_stated.py).
-ERROR_GROWTH = ErrorGrowth(shear=2.5, normal=2.7, wrench=1.2)
+# same command; checked on other shapes (tests/bench/faults_stated.py).
+FITTED_GROWTH = ErrorGrowth(shear=2.5, normal=2.7, wrench=1.2)
+EXACT_GROWTH = ErrorGrowth(shear=4.7, normal=3.3, wrench=4.3)
 
 
 @dataclass(frozen=True)
@@ -219,15 +220,26 @@ def _corner(plane: Array, sign: Array) -> Array:
 
 def fitted_weights(slab: Slab) -> Weights:
     """FITTED for pads like the one of the fit, EXACT for others, continuous between them."""
+    share, terms = _share_fitted(slab), (FITTED.square, FITTED.pressure, FITTED.volume)
+    return Weights(*(tuple(1 + share * (w - 1) for w in term) for term in terms))
+
+
+def error_growth(slab: Slab) -> ErrorGrowth:
+    """FITTED_GROWTH for pads like the one of the fit, EXACT_GROWTH for others, continuous between them."""
+    share = _share_fitted(slab)
+    pairs = zip(vars(EXACT_GROWTH).values(), vars(FITTED_GROWTH).values(), strict=True)
+    return ErrorGrowth(*(exact + share * (fitted - exact) for exact, fitted in pairs))
+
+
+def _share_fitted(slab: Slab) -> float:
+    """1 for pads like the one of the fit, 0 for others."""
     h_x, h_y, _ = slab.step_m
     steps = slab.thickness_m / np.sqrt(h_x * h_y)
     deviation = (abs(steps / FITTED_STEPS - 1), abs(slab.poisson - FITTED_POISSON))
-    share = min(
+    return min(
         float(np.clip((lost - off) / (lost - kept), 0, 1))
         for off, (kept, lost) in zip(deviation, (STEPS_RANGE, POISSON_RANGE), strict=True)
     )
-    terms = (FITTED.square, FITTED.pressure, FITTED.volume)
-    return Weights(*(tuple(1 + share * (w - 1) for w in term) for term in terms))
 
 
 def finite_strain(slab: Slab, shape: tuple[int, int], weights: Weights | None = None) -> FiniteStrain:

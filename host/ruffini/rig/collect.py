@@ -149,16 +149,17 @@ def _control(bench: Bench, log: LogWriter, numbers: list[int]) -> None:
 
 def finish(log: LogWriter, bench: Bench) -> None:
     """Write the log, with the estimates from all of its touches."""
-    facts, checks_file = bench.reference.facts, log.side_file(CHECKS)
+    facts, checks_file, touches = bench.reference.facts, log.side_file(CHECKS), list(log.touches().values())
+    lost = [touch.facts.get("lost_packets", 0) for touch in touches]
     checks: dict[str, Any] = json.loads(checks_file.read_text()) if checks_file.exists() else {}
     reference = {
         "name": facts.name, "unit": facts.unit, "axes": facts.axes, "rate_hz": facts.rate_hz,
         "measured_rate_hz": checks.get("rate", {}).get("rate_hz"),
-        "lost_packets": sum(touch.facts.get("lost_packets", 0) for touch in log.touches().values()),
+        "lost_packets": None if bench.reference.n_lost is None else sum(lost),  # while the kept touches were made
         "full_scale": np.where(np.isnan(facts.full_scale), 0, facts.full_scale).tolist(),
         "sigma": np.where(np.isnan(facts.sigma), 0, facts.sigma).tolist(),
     }  # fmt: skip
-    log.finish({"reference": reference, "checks": checks, **estimate(list(log.touches().values()), reference)})
+    log.finish({"reference": reference, "checks": checks, **estimate(touches, reference)})
 
 
 def _good_touch(bench: Bench, i: int, item: Item, again: Callable[[str], None]) -> tuple[TouchRecord, int]:
@@ -178,7 +179,7 @@ def _good_touch(bench: Bench, i: int, item: Item, again: Callable[[str], None]) 
 
 def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     """Perform one touch; returns its record and its faults."""
-    start, n_lost = host_clock.now(), bench.reference.n_lost
+    start, lost_before = host_clock.now(), bench.reference.n_lost
     bench.stream.forget(start)
     drift = bench.tare_again()
     path: list[tuple[float, Place]] = []
@@ -191,8 +192,9 @@ def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     if warmth := bench.stream.temperatures():
         facts[CELSIUS] = warmth
     bench.catch_up(facts["lifted_host_s"])
-    if n_lost := bench.reference.n_lost - n_lost:
-        facts["lost_packets"] = n_lost
+    lost_after = bench.reference.n_lost
+    if lost_after is not None and lost_before is not None:
+        facts["lost_packets"] = lost_after - lost_before
     readings = bench.reference.since(start)
     held = [r for r in readings if facts["held_host_s"] < r.host_s < facts["lifted_host_s"]]
     facts["is_saturated"] = any(r.is_saturated for r in held)

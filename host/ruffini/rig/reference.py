@@ -67,9 +67,9 @@ class Reference(Protocol):
         """Close the device."""
 
 
-def lost_packets(reference: Reference) -> int:
-    """Packets missing so far, by the numbers that a reference gives them; 0 where it gives none."""
-    return int(getattr(reference, "n_lost", 0))
+def lost_packets(reference: Reference) -> int | None:
+    """Packets missing so far, by the numbers that a reference gives them; None where it gives none (no `n_lost`)."""
+    return getattr(reference, "n_lost", None)
 
 
 def pressing(value: float) -> Array:

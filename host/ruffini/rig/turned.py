@@ -45,7 +45,7 @@ class Turned:
         return [r._replace(wrench=self._carried(r.wrench)) for r in self._reference.read(timeout_s)]
 
     @property
-    def n_lost(self) -> int:
+    def n_lost(self) -> int | None:
         return lost_packets(self._reference)
 
     def _carried(self, wrench: Array) -> Array:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,13 +18,15 @@ from ruffini.bench.states import Recipe, State, Touch
 from ruffini.boards import find_board
 from ruffini.estimators.operator.error_model import VARIANCE_RANGE, node_places
 from ruffini.estimators.operator.fit import board_slab, make_operator
-from ruffini.fem.finite_strain import ERROR_GROWTH
+from ruffini.fem.finite_strain import EXACT_GROWTH, FITTED, FITTED_GROWTH, ErrorGrowth, Weights, error_growth
 from ruffini.fem.operators import Noise
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path.append(str(ROOT / "tests" / "bench"))
+sys.path += [str(ROOT / "tests" / "bench"), str(ROOT / "tests" / "oracle")]
 import faults_stated  # noqa: E402
 import gels  # noqa: E402
+import large_strain  # noqa: E402
+from compare import kept_states  # noqa: E402
 
 BOARD = find_board("gelslim")
 SHAPE = (BOARD.grid.n_y, BOARD.grid.n_x, 3)
@@ -94,19 +98,48 @@ def test_the_hole_is_under_the_contact_and_as_wide_as_the_row_says(methods: Any)
     assert (across_mm <= faults_stated.HOLE_MM).all()
 
 
+def test_each_press_is_judged_with_the_weights_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Presses of the outside oracle; forces that are off by a fifth more ask for larger variances."""
+    monkeypatch.setattr(large_strain, "make_operator", partial(kept, make_operator))
+    monkeypatch.setattr(large_strain, "N_TOUCHES", N_FEW)
+    presses = [[state] for state in kept_states(ROOT / "tests" / "data" / "oracle" / "presses.npz")]
+    fitted_on: list[list[float]] = []
+
+    def weights_for(others: list[State]) -> Weights:
+        fitted_on.append([state.depth_mm for state in others])
+        return FITTED
+
+    right = large_strain.growth(BOARD, presses, weights_for)
+    assert fitted_on == [[0.6, 1.0], [0.3, 1.0], [0.3, 0.6]]
+    off = [[replace(state, force=1.2 * state.force) for state in press] for press in presses]
+    wrong = large_strain.growth(BOARD, off, lambda _: FITTED)
+    assert min(vars(right).values()) > 0
+    assert wrong.normal > 2 * right.normal
+    assert wrong.wrench > 2 * right.wrench
+
+
+@pytest.mark.parametrize(
+    ("thickness_m", "wanted"), [(4e-3, FITTED_GROWTH), (8e-3, EXACT_GROWTH)], ids=["as fitted", "thicker"]
+)
+def test_a_pad_unlike_those_of_the_fit_states_more(thickness_m: float, wanted: ErrorGrowth) -> None:
+    found = error_growth(replace(board_slab(BOARD), thickness_m=thickness_m))
+    assert vars(found) == pytest.approx(vars(wanted))
+    assert all(vars(EXACT_GROWTH)[name] > fitted for name, fitted in vars(FITTED_GROWTH).items())
+
+
 def test_a_pad_at_finite_strain_states_more_than_a_linear_one() -> None:
-    """The variances grow by `ERROR_GROWTH`, in every term: the touches of the error model are those of a linear pad."""
+    """The touches of the error model are those of a linear pad: every term of the variances grows."""
     made = {
         finite: kept(make_operator, BOARD, method="support", noise=NOISE, n_touches=N_FEW, is_finite=finite).tensors
         for finite in (False, True)
     }
     for name in ("support.error_reported", "support.error_quiet", "support.error_local"):
         linear, finite = made[False][name], made[True][name]
-        for axes, growth in zip((0, 1), (ERROR_GROWTH.shear, ERROR_GROWTH.normal), strict=True):
+        for axes, growth in zip((0, 1), (FITTED_GROWTH.shear, FITTED_GROWTH.normal), strict=True):
             at_least = VARIANCE_RANGE[0] if name != "support.error_local" else 0
             wanted = np.maximum(growth * linear[axes], at_least)
             is_raised = linear[axes] == at_least  # by the board's own limit
             np.testing.assert_allclose(finite[axes][~is_raised], wanted[~is_raised], rtol=0.01, atol=growth)
     linear, finite = (made[is_finite]["support.error_wrench"] for is_finite in (False, True))
-    np.testing.assert_allclose(finite, np.sqrt(ERROR_GROWTH.wrench) * linear, rtol=0.01, atol=1)
-    assert min(vars(ERROR_GROWTH).values()) > 1
+    np.testing.assert_allclose(finite, np.sqrt(FITTED_GROWTH.wrench) * linear, rtol=0.01, atol=1)
+    assert min(vars(FITTED_GROWTH).values()) > 1

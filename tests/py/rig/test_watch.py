@@ -16,6 +16,7 @@ from ruffini.rig import watch as watch_module
 from ruffini.rig.checks import check_axes, check_unit
 from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.reference import Facts, Reading, pressing
+from ruffini.rig.turned import Turned
 from ruffini.rig.watch import Watch
 
 FACTS = Facts.of_one_axis("cell", 10, 0.01, 100, "N")
@@ -118,8 +119,19 @@ def test_a_silent_reference_is_not_believed():
 def test_slow_reference_is_named(patient):
     with Watch(Scripted(period_s=0.05)) as watch:
         readings = watch.collect(0.4)
-        with pytest.raises(RefusedError, match="instead of 100"):
+        with pytest.raises(RefusedError, match="instead of 100: check the line, or state the true rate"):
             watch.check_rate(readings)
+        with pytest.raises(RefusedError, match="instead of 100: 7 packets were lost: check the network"):
+            watch.check_rate(readings, 7)
+
+
+@pytest.mark.parametrize("n_lost", [None, 3])
+def test_lost_packets_are_known_where_the_reference_numbers_them(n_lost: int | None, patient: None) -> None:
+    cell = Scripted()
+    if n_lost is not None:
+        cell.n_lost = n_lost  # type: ignore[attr-defined]
+    with Watch(Turned(cell, np.eye(3))) as watch:
+        assert watch.n_lost == n_lost
 
 
 @pytest.mark.parametrize(

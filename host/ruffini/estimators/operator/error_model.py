@@ -55,10 +55,10 @@ class ErrorModel:
     wrench: WrenchError
 
     def grown(self, growth: ErrorGrowth) -> ErrorModel:
-        """The same with larger variances."""
-        both, all_axes = np.array([growth.shear, growth.normal])[:, None], np.sqrt(growth.wrench)
-        node = NodeError(self.node.reported * both, self.node.quiet * both, self.node.local * both)
-        return ErrorModel(node, WrenchError(*(part * all_axes for part in vars(self.wrench).values())))
+        """The same with larger variances; the wrench's are held as standard deviations."""
+        factors = np.array([growth.shear, growth.normal])[:, None]
+        node = NodeError(self.node.reported * factors, self.node.quiet * factors, self.node.local * factors)
+        return ErrorModel(node, WrenchError(*(part * np.sqrt(growth.wrench) for part in vars(self.wrench).values())))
 
 
 @dataclass(frozen=True)

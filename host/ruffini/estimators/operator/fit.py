@@ -19,7 +19,7 @@ from ruffini.estimators.operator.marker_depth import MarkerDepth, fit_marker_dep
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
 from ruffini.fem.compile import Compiled, compile_matrix, force_steps
 from ruffini.fem.condense import CondensedSlab, condense, surface_stiffness
-from ruffini.fem.finite_strain import ERROR_GROWTH, FiniteStrain, finite_strain
+from ruffini.fem.finite_strain import FiniteStrain, error_growth, finite_strain
 from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
@@ -235,7 +235,7 @@ def _made(
                 observe=None if depth is None else depth.observe,
                 progress=lambda done: progress(0.6 + 0.4 * done),
             )  # fmt: skip
-            errors = errors.grown(ERROR_GROWTH) if is_finite else errors
+            errors = errors.grown(error_growth(slab)) if is_finite else errors
             tensors |= error_tensors(errors)
         except InputError as error:
             errors, no_errors = None, str(error)
