@@ -131,8 +131,8 @@ class PacketCell:
 
     @property
     def n_lost(self) -> int:
-        """Packets lost, by their numbers."""
-        return self._packets.n_lost
+        """Packets without a reading: lost, by their numbers, or with a value that is NaN or infinite."""
+        return self._packets.n_lost + self._packets.n_not_finite
 
     def _start(self, rate_hz: int) -> None:
         if rate_hz * PACKET_BYTES > self._line.bytes_per_s:

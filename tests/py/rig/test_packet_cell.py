@@ -171,6 +171,9 @@ def test_damage_on_the_line_costs_the_packets_that_it_hit(box) -> None:
     box.send(packet(65535, 1.0) + packet(0, 2.0)[:13] + b"\xaa\x55\xff\xff" + packet(1, 3.0) + packet(2, 4.0))
     assert [r.wrench[0] for r in read(cell, 3)] == [1.0, 3.0, 4.0]
     assert cell.n_lost == 1
+    box.send(packet(3, np.nan) + packet(4, 5.0))
+    assert [r.wrench[0] for r in read(cell, 1)] == [5.0]
+    assert cell.n_lost == 2, "one of them has no reading"
     cell.close()
 
 
