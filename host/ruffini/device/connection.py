@@ -173,8 +173,9 @@ class Connection:
         except (serial.SerialException, OSError, TypeError) as error:
             raise LineLostError(f"{self.port}: the line was lost: {error}") from error
         now_ns = time.monotonic_ns()
-        if self.raw_sink is not None and data:
-            self.raw_sink(data)
+        sink = self.raw_sink  # another thread may take it away
+        if sink is not None and data:
+            sink(data)
         for frame in self.decoder.feed(data):
             message: Any = self.schema.decode(frame.type, frame.payload)
             if message is None:

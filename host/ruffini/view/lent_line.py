@@ -10,12 +10,13 @@ from typing import Any
 
 from ruffini.device import Connection
 from ruffini.errors import RuffiniError
+from ruffini.patience import PATIENCE
 from ruffini.view.line import Line
 from ruffini.view.outbox import Outbox
 from ruffini.wire import Frame, Schema
 
 TELL_S = 0.1  # between two states
-GOODBYE_S = 2.0  # real: that long a page has time to take the last one
+GOODBYE_S = 2.0  # real: that long a page has time to take the last one; times PATIENCE
 ANSWERS = ("HELLO", "SCHEMA", "REPLY", "TIME")  # belong to the owner of the line
 BUSY = "a collection goes on with this sensor: its page only looks on; end it first"
 
@@ -118,6 +119,7 @@ class LentLine(Line):
         self._task.cancel()
 
     async def say_goodbye(self) -> None:
+        self._sensor.raw_sink = None  # a box that frames go on filling is never empty
         show_guide(self.boxes, self._tell_state)
 
         async def emptied() -> None:
@@ -125,7 +127,7 @@ class LentLine(Line):
                 await asyncio.sleep(TELL_S / 10)
 
         with contextlib.suppress(asyncio.TimeoutError):  # Python 3.10's own
-            await asyncio.wait_for(emptied(), GOODBYE_S)
+            await asyncio.wait_for(emptied(), GOODBYE_S * PATIENCE)
 
     def _put(self, box: Outbox, frame: Frame) -> None:
         if self._stand_in.forwards(frame):

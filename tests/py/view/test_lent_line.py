@@ -17,6 +17,7 @@ from ruffini.errors import InputError, RefusedError
 from ruffini.rig.guide import Guide
 from ruffini.view.guided import AGAIN, GuidingPage, serving
 from ruffini.view.lent_line import LentLine
+from ruffini.view.outbox import Outbox
 from ruffini.wire import Decoder, Frame, Schema, encode_message
 
 SCHEMA = Schema.own()
@@ -173,3 +174,20 @@ def test_a_taken_http_port_is_said() -> None:
         page = GuidingPage("free on tiny", "", port, lambda _: None)
         with pytest.raises(InputError, match="is taken"), page.shown(sensor()):
             pass
+
+
+def test_a_stream_that_goes_on_does_not_keep_the_last_word_from_a_page() -> None:
+    async def leave() -> list[str]:
+        owner = sensor()
+        line, box = LentLine(owner, lambda: {"end": "complete"}, lambda *_: None), Outbox()
+        await line.start()
+        line.boxes[box] = {}
+        leaving = asyncio.create_task(line.say_goodbye())
+        await asyncio.sleep(0)
+        assert owner.raw_sink is None, "frames go on filling the box"
+        texts, _ = await box.take()
+        await asyncio.wait_for(leaving, 60)
+        await line.close()
+        return texts
+
+    assert [json.loads(text)["end"] for text in asyncio.run(leave())] == ["complete"]
