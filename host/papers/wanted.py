@@ -121,13 +121,13 @@ class Row:
     def ours(self) -> float | None:
         return self.figure.ours if self.figure is not None and math.isfinite(self.figure.ours) else None
 
-    def tree(self) -> dict[str, object]:
+    def tree(self, *, quick: bool) -> dict[str, object]:
         """For --json."""
         method, paper = (self.figure.method, self.figure.paper) if self.figure else (None, None)
         return {
             "name": self.wanted.name, "unit": self.wanted.unit, "ours": self.ours, "method": method, "paper": paper,
             "at_most": self.wanted.at_most, "at_least": self.wanted.at_least, "is_met": self.wanted.is_met(self.ours),
-            "limit": self.wanted.limit,
+            "limit": self.wanted.reason(quick=quick),
         }  # fmt: skip
 
 

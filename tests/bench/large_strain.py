@@ -36,10 +36,10 @@ from ruffini.estimators.operator.fit import OperatorKind, board_slab, make_opera
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.finite_strain import (
     EXACT,
-    EXACT_GROWTH,
     FITTED,
     FITTED_GROWTH,
     LAYERS,
+    UNWEIGHTED_GROWTH,
     ErrorGrowth,
     Weights,
     error_growth,
@@ -318,7 +318,7 @@ def main() -> None:
         print(
             f"fitted: {growth(board, presses, lambda others: fit(board, others))}\nnow:    {FITTED_GROWTH}", flush=True
         )
-        print(f"second order: {growth(board, presses, lambda _: EXACT)}\nnow:          {EXACT_GROWTH}")
+        print(f"second order: {growth(board, presses, lambda _: EXACT)}\nnow:          {UNWEIGHTED_GROWTH}")
         return
     at, date = commit(JUDGED), datetime.date.today().isoformat()
     rows = judge(board)

@@ -178,7 +178,8 @@ def _experiment(
         options = experiments.Options(recordings, quick, workers, progress, network)
         found = experiments.reproduce(one, out, options)
     rows = wanted.rows_of(one, found.figures)
-    result = {**found.result, "pictures": [str(path) for path in found.pictures], "figures": [r.tree() for r in rows]}
+    figures = [row.tree(quick=quick) for row in rows]
+    result = {**found.result, "pictures": [str(path) for path in found.pictures], "figures": figures}
     texts, checks = [found.text, wanted.table(one, rows, quick=quick)], []
     if use.is_checked:
         checks.append(guard.check_ours(rows, judged.load_frozen(one), quick=quick))

@@ -57,7 +57,7 @@ def _rate(bench: Bench) -> Result:
     readings = bench.reference.collect(max(RATE_S, 3 / bench.reference.facts.rate_hz))
     n_lost = (bench.reference.n_lost or 0) - before
     rate_hz = bench.reference.check_rate(readings, n_lost)
-    told = f"; {n_lost} packets of the reference were lost: check the network or the line" if n_lost else ""
+    told = f"; packets lost or damaged: {n_lost}: check the network or the line" if n_lost else ""
     return {**_passed(f"{rate_hz:.1f} readings a second{told}"), "rate_hz": rate_hz}
 
 

@@ -290,6 +290,5 @@ def rehearse(plan: Sequence[Item], limits: Limits | None) -> Rehearsal:
 def _line(record: TouchRecord) -> str:
     force_n = np.linalg.norm(np.nan_to_num(record.arrays["reference_wrench"][:, :3]), axis=1).max()
     n_lost = record.facts.get("lost_packets", 0)
-    return (
-        f"{record.facts['told']}: {force_n:.2f} N{f'; {n_lost} packets of the reference were lost' if n_lost else ''}"
-    )
+    lost = f"; packets of the reference lost or damaged: {n_lost}" if n_lost else ""
+    return f"{record.facts['told']}: {force_n:.2f} N{lost}"

@@ -68,7 +68,7 @@ class Reference(Protocol):
 
 
 def lost_packets(reference: Reference) -> int | None:
-    """Packets missing so far, by the numbers that a reference gives them; None where it gives none (no `n_lost`)."""
+    """Packets without a reading so far, of a reference that numbers them (`n_lost`); else None."""
     return getattr(reference, "n_lost", None)
 
 

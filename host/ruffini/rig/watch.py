@@ -151,21 +151,23 @@ class Watch:
 
     @property
     def n_lost(self) -> int | None:
-        """Packets missing so far, by the numbers that the reference gives them; None where it gives none."""
+        """Packets without a reading so far, of a reference that numbers them; else None."""
         return lost_packets(self._reference)
 
     def check_rate(self, readings: Sequence[Reading], n_lost: int = 0) -> float:
         """Readings per second; raises RefusedError where that is half of what is stated, or less.
 
-        n_lost : packets that were lost between them, which the error tells
+        n_lost : packets without a reading meanwhile, which the error names where they explain it
         """
         if len(readings) < 2:
             raise RefusedError(f"{self.facts.name} gave {len(readings)} readings: its rate cannot be told")
         rate_hz = (len(readings) - 1) / (readings[-1].host_s - readings[0].host_s)
         if rate_hz < SLOW * self.facts.rate_hz:
-            why = (
-                f"{n_lost} packets were lost: check the network" if n_lost else "check the line, or state the true rate"
-            )
+            sent_hz = rate_hz * (1 + n_lost / len(readings))
+            is_lost = sent_hz >= SLOW * self.facts.rate_hz
+            why = "check the line, or state the true rate"
+            if is_lost:
+                why = f"packets lost or damaged meanwhile: {n_lost}: check the network or the line"
             raise RefusedError(f"{self.facts.name} gives {rate_hz:.1f} readings a second instead of "
                                f"{self.facts.rate_hz:g}: {why}")  # fmt: skip
         return rate_hz

@@ -10,7 +10,7 @@ from papers import experiments
 from papers.experiments import Experiment, Figure, Options
 from papers.guard import check_method, check_ours
 from papers.judged import Frozen, freeze_ours, load_frozen
-from papers.wanted import WantedFigure, load_wanted, rows_of, table
+from papers.wanted import Row, WantedFigure, load_wanted, rows_of, table
 
 from ruffini.boards import Board, board_names, boards_folder, find_board
 from ruffini.cli import main
@@ -137,6 +137,13 @@ def test_the_table_says_what_is_met_and_why_not(board: Board) -> None:
     ]  # fmt: skip
     quick = table(board, rows_of(board, figures), quick=True)
     assert "met: 1 of 2; not in the quick subset: 1" in quick
+
+
+def test_a_reason_of_the_quick_run_alone_is_no_reason_of_the_whole_one(board: Board) -> None:
+    row = Row(WantedFigure(name="depth", at_most=0.1, limit_quick="few presses"), Figure(0.2))
+    assert "not met, depth: few presses" in table(board, [row], quick=True)
+    assert "not met, depth: NO REASON STATED" in table(board, [row], quick=False)
+    assert [row.tree(quick=quick)["limit"] for quick in (True, False)] == ["few presses", ""]
 
 
 @pytest.mark.parametrize(
