@@ -219,6 +219,7 @@ def test_weights(bench_twin: Twin, tmp_path, monkeypatch, capsys, person, slow_i
                               "--program", "weights", "--grams", "40,90", "--n", 2)  # fmt: skip
         given = ("--grams", 60, "--calibration", tmp_path / "calibration")
         code, checked, said = desk.cal(monkeypatch, "check", *given)
+    assert "a person tells" in log.found["checks"]["rate"]["text"]
     assert code in (0, 1), said  # the coarse pad may not meet what gates ask of a real one
     assert json.loads(checked)["wanted"] == pytest.approx(60 / GRAMS_A_NEWTON)
     assert json.loads(checked)["said"] == pytest.approx(60 / GRAMS_A_NEWTON, rel=0.3)

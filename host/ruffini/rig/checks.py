@@ -53,6 +53,8 @@ def preflight(bench: Bench, known_grams: float | None = None) -> Result:
 
 
 def _rate(bench: Bench) -> Result:
+    if bench.reference.facts.is_typed:
+        return _passed("none: a person tells what it reads")
     before = bench.reference.n_lost or 0
     readings = bench.reference.collect(max(RATE_S, 3 / bench.reference.facts.rate_hz))
     n_lost = (bench.reference.n_lost or 0) - before
