@@ -5,7 +5,8 @@ collected can be lost; the log is made of them at the end.
 
 Attributes: `format`, `format_version`, `facts` (JSON: board, program, `tip`, bench) and `found` (JSON, below; missing
 in older logs). One group `touch/NNNNN` a touch, with its own clock, `facts` (JSON: `temperatures_c`, `kind`, wanted
-place, depth and shear, `contact_z_m`, `held_host_s`, `lifted_host_s`, `tare`, `tries`) and these arrays:
+place, depth and shear, `contact_z_m`, `held_host_s`, `lifted_host_s`, `tare`, `tries`; `lost_packets` where the
+reference numbers its packets) and these arrays:
 
 stream_*      a row a frame: sensor's time, host's time of arrival without queueing, frame number, FlagBit mask, wrench
               about the pad's centre (NaN if not measured), Validity. Without a force also stream_activity,
@@ -23,7 +24,8 @@ feature*      without markers or targets: the integers of the wrench (FEATURES o
 image*        B G R, each `image_step_px`-th pixel: before the touch, of the hold, and without the three above also of
               the way down
 
-`found` (or `why_not`): `reference` (name, unit, full scale, uncertainty, rate stated and measured); `checks` (unit,
+`found` (or `why_not`): `reference` (name, unit, full scale, uncertainty, rate stated and measured, `lost_packets` of
+the touches that were kept); `checks` (unit,
 axes, rate, tare: `ok` true, false, null, and `text`); `clocks` per `session`: reference time = stream time +
 `offset_s` + `drift` (stream time - `middle_s`), `sigma_s`, `drift_sigma`; `frame` (`rotation`, `arm_m`, `hanging`);
 `contacts` (`offset_m`, `spread_m`, `gain`, `gain_spread`). `found.reference_in_pad(log, touch)` and

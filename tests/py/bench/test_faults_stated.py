@@ -16,7 +16,7 @@ from kept import kept
 from ruffini.bench.coverage import Stated
 from ruffini.bench.states import Recipe, State, Touch
 from ruffini.boards import find_board
-from ruffini.estimators.operator.error_model import VARIANCE_RANGE, node_places
+from ruffini.estimators.operator.error_model import VARIANCE_RANGE, WRENCH_RANGES, node_places
 from ruffini.estimators.operator.fit import board_slab, make_operator
 from ruffini.fem.finite_strain import (
     EXACT,
@@ -39,7 +39,7 @@ from compare import kept_states  # noqa: E402
 BOARD = find_board("gelslim")
 SHAPE = (BOARD.grid.n_y, BOARD.grid.n_x, 3)
 STEP_MM = (20 / 30, 16 / 24)
-NOISE, N_FEW = Noise((5e-6, 5e-6, 20e-6)), 24
+NOISE, N_FEW = Noise((5e-6, 5e-6, 20e-6)), 40
 
 
 def contact() -> State:
@@ -136,19 +136,24 @@ def test_a_pad_unlike_those_of_the_fit_states_more(thickness_m: float, wanted: E
     assert all(vars(UNWEIGHTED_GROWTH)[name] > fitted for name, fitted in vars(FITTED_GROWTH).items())
 
 
-def test_a_pad_at_finite_strain_states_more_than_a_linear_one() -> None:
+@pytest.mark.parametrize("name", ["gelslim", "gelsight-mini"])  # with fitted weights, with hardly any
+def test_a_pad_at_finite_strain_states_more_than_a_linear_one(name: str) -> None:
     """The touches of the error model are those of a linear pad: every term of the variances grows."""
+    board = find_board(name)
+    growth = error_growth(board_slab(board))
     made = {
-        finite: kept(make_operator, BOARD, method="support", noise=NOISE, n_touches=N_FEW, is_finite=finite).tensors
+        finite: kept(make_operator, board, method="support", noise=NOISE, n_touches=N_FEW, is_finite=finite).tensors
         for finite in (False, True)
     }
-    for name in ("support.error_reported", "support.error_quiet", "support.error_local"):
-        linear, finite = made[False][name], made[True][name]
-        for axes, growth in zip((0, 1), (FITTED_GROWTH.shear, FITTED_GROWTH.normal), strict=True):
-            at_least = VARIANCE_RANGE[0] if name != "support.error_local" else 0
-            wanted = np.maximum(growth * linear[axes], at_least)
+    for table in ("support.error_reported", "support.error_quiet", "support.error_local"):
+        linear, finite = made[False][table], made[True][table]
+        for axes, factor in zip((0, 1), (growth.shear, growth.normal), strict=True):
+            at_least = VARIANCE_RANGE[0] if table != "support.error_local" else 0
+            wanted = np.maximum(factor * linear[axes], at_least)
             is_raised = linear[axes] == at_least  # by the board's own limit
-            np.testing.assert_allclose(finite[axes][~is_raised], wanted[~is_raised], rtol=0.01, atol=growth)
+            np.testing.assert_allclose(finite[axes][~is_raised], wanted[~is_raised], rtol=0.01, atol=factor)
     linear, finite = (made[is_finite]["support.error_wrench"] for is_finite in (False, True))
-    np.testing.assert_allclose(finite, np.sqrt(FITTED_GROWTH.wrench) * linear, rtol=0.01, atol=1)
-    assert min(vars(FITTED_GROWTH).values()) > 1
+    is_raised = linear <= np.array(WRENCH_RANGES)[:, :1]
+    np.testing.assert_allclose(finite[~is_raised], np.sqrt(growth.wrench) * linear[~is_raised], rtol=0.01, atol=2)
+    assert is_raised.mean() < 0.25
+    assert min(vars(growth).values()) > 1
