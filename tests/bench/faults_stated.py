@@ -29,6 +29,7 @@ from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import MODEL_ERRORS, Methods, Scores
 from ruffini.bench.states import FRESH, LIGHT_N, State, make_states
 from ruffini.boards import find_board
+from ruffini.estimators.operator.gauge import gauge_nodes
 from ruffini.files import write_whole
 from ruffini.sim.settings import Strain
 from ruffini.sim.unit import PadError
@@ -46,6 +47,7 @@ DEPTHS_MM = (0.3, 0.6, 1.0)
 SEED = 29
 BESIDE = 0.7  # correlation with the next node
 HOLE_MM = 3.3
+DEEPER_MM = 0.1
 CORRELATION_NODES = float(np.sqrt(-1 / (4 * np.log(BESIDE))))
 
 
@@ -67,12 +69,19 @@ def _hole(u: Array, methods: Methods, rng: np.random.Generator) -> Array:
     return BadNodes(WHITE_UM, hole_mm=HOLE_MM).observe(u, methods.step_mm, rng)
 
 
+def _deeper(u: Array, methods: Methods, rng: np.random.Generator) -> Array:
+    """The whole depth picture is off; then the rim's mean becomes zero, as [depth] `gauge = "margin"` makes it."""
+    u = WHITE(u, methods, rng) - np.array([0.0, 0.0, 1e-3 * DEEPER_MM])
+    return u - [0.0, 0.0, u[gauge_nodes(methods.board), 2].mean()]
+
+
 WHITE = _with(Disturbance(WHITE_UM))
 CORRELATED = _with(Disturbance(correlated_um=WHITE_UM, correlation_nodes=CORRELATION_NODES))
 FAULTS = (
     Fault("none", WHITE),
     Fault(f"correlation of {BESIDE} with the next node", CORRELATED),
     Fault(f"{HOLE_MM} mm under the contact not measured", _hole),
+    Fault(f"depth off by {DEEPER_MM} mm, zeroed at the rim", _deeper),
     *(Fault(f"{name}, not fitted", WHITE, error) for name, error in MODEL_ERRORS.items()),
     Fault("finite strain, calibrated for it", WHITE, strain="finite"),
 )  # fmt: skip

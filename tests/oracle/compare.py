@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from solve import OracleError, solved
 
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import Methods, evaluate
-from ruffini.bench.states import Recipe, State, make_states
+from ruffini.bench.states import State, make_states
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.estimators.operator.marker_lattice import marker_places
@@ -25,7 +26,13 @@ Array = npt.NDArray[np.float64]
 
 MM = 1e-3
 KEPT_M, KEPT_N = 1e-7, 1e-5  # steps of a kept state
+AGAIN_SHARE = 0.02  # relative L2; the friction's sticking points chatter, and versions of the solver differ
 N_SEEDS = 3
+MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector in the plane y = 0
+
+
+SECTION = "## An outside oracle"
+COLUMNS = ("pad, depth", "presses", "CalculiX: tangential, normal, total", "the twin: the same", "commit", "date")
 
 
 @dataclass(frozen=True)
@@ -60,8 +67,13 @@ def check_board(board: Board) -> None:
         )
 
 
-def solve_press(board: Board, press: Press, folder: Path, *, only_kept: bool = False) -> list[Solved]:
-    """Every state of a press; with `only_kept` nothing is solved that is not in `folder`.
+def deck_hash(deck: str) -> str:
+    """Names a deck's solution: 24 hexadecimal digits of its SHA-256."""
+    return hashlib.sha256(deck.encode()).hexdigest()[:24]
+
+
+def solve_press(board: Board, press: Press, folder: Path) -> list[Solved]:
+    """Every state of a press, solved unless `folder` has the solution.
 
     Raises
     ------
@@ -69,7 +81,7 @@ def solve_press(board: Board, press: Press, folder: Path, *, only_kept: bool = F
         It cannot be solved here.
     """
     mesh, deck = deck_of(board, press)
-    printed = read_dat(path := solved(deck, folder, only_kept=only_kept))
+    printed = read_dat(path := solved(deck, folder / f"{deck_hash(deck)}.dat"))
     places, judged = path_of(press)
     if len(printed) != len(places):
         raise OracleError(f"{path} has {len(printed)} steps of {len(places)}: {AGAIN}")
@@ -80,6 +92,8 @@ def state_of(board: Board, mesh: PadMesh, press: Press, depth: float, printed: P
     """One increment on the grid of the board."""
     surface = Surface(mesh)
     force = surface_forces(mesh, printed)[surface.nodes]
+    if press.is_mirrored:
+        force[mesh.nodes[surface.nodes][:, 1] == mesh.y[-1], 1] = 0  # what the plane of symmetry holds
     moved = np.zeros_like(mesh.nodes)
     moved[printed.nodes] = printed.displacement
     moved = moved[surface.nodes]
@@ -89,19 +103,32 @@ def state_of(board: Board, mesh: PadMesh, press: Press, depth: float, printed: P
     )
     assert board.markers is not None  # `check_board`
     marker_x, marker_y = (line / MM for line in marker_places(board, board.markers))
+    on_grid = surface.on_grid(force, grid_x, grid_y)
+    if press.is_mirrored:  # one half's hats reach to y = 0; the other half adds its own
+        on_grid = on_grid + MIRROR * on_grid[::-1]
     state = State(
-        press.recipe, depth, surface.on_grid(force, grid_x, grid_y),
-        surface.sample(moved, grid_x, grid_y) * MM, surface.sample(moved, marker_x, marker_y) * MM,
+        press.recipe, depth, on_grid,
+        _sampled(surface, press, moved, grid_x, grid_y), _sampled(surface, press, moved, marker_x, marker_y),
     )  # fmt: skip
-    load = float(np.linalg.norm(printed.on_indenter))
+    free = [0, 2] if press.is_mirrored else [0, 1, 2]  # the plane of symmetry takes y
+    reaction, base = printed.on_indenter[free], printed.on_base[free]
+    load = float(np.linalg.norm(reaction))
     size = np.linalg.norm(force, axis=1)
     far = np.linalg.norm(mesh.nodes[surface.nodes][:, :2] - _center(press), axis=1) > _touched(press, depth)
     return Solved(
         press, state,
-        imbalance=float(np.linalg.norm(printed.on_indenter + printed.on_base)) / load,
-        unread=float(np.linalg.norm(force.sum(axis=0) - printed.on_indenter)) / load,
+        imbalance=float(np.linalg.norm(reaction + base)) / load,
+        unread=float(np.linalg.norm(force.sum(axis=0)[free] - reaction)) / load,
         stray=float(size[far].max(initial=0.0) / size.max()),
     )  # fmt: skip
+
+
+def _sampled(surface: Surface, press: Press, moved: Array, x: Array, y: Array) -> Array:
+    """Displacement (len(y), len(x), 3) in m; of a mirrored press the half at y > 0 is the other's image."""
+    if not press.is_mirrored:
+        return surface.sample(moved, x, y) * MM
+    sign = np.where((y > 0)[:, None, None], MIRROR, 1.0)
+    return surface.sample(moved, x, -np.abs(y)) * sign * MM
 
 
 def _center(press: Press) -> Array:
@@ -114,32 +141,54 @@ def _touched(press: Press, depth: float) -> float:
     return float(np.hypot(*reach(touch, depth)) + np.hypot(*touch.shift) + 1.0)
 
 
-def keep_states(path: Path, solved_states: list[Solved]) -> None:
-    """Fields on the board's nodes into a small file: displacement in steps of 0.1 um, force in steps of 10 uN."""
+def keep_states(path: Path, board: Board, states: list[Solved]) -> None:
+    """States on the grid and the markers of `board` into a small file: steps of 0.1 um and of 10 uN."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    arrays: dict[str, Array | npt.NDArray[np.int16]] = {}
-    for one in solved_states:
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    for one in states:
         arrays[f"{one.name}/displacement"] = np.round(one.state.displacement / KEPT_M).astype(np.int16)
+        assert one.state.at_markers is not None  # `state_of`
+        arrays[f"{one.name}/markers"] = np.round(one.state.at_markers / KEPT_M).astype(np.int16)
         arrays[f"{one.name}/force"] = np.round(one.state.force / KEPT_N).astype(np.int16)
+        arrays[f"{one.name}/residuals"] = np.array([one.imbalance, one.unread, one.stray])
+        arrays[f"{one.name}/deck"] = np.array(deck_hash(deck_of(board, one.press)[1]))
     with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(file, **arrays)
 
 
-def kept_states(path: Path) -> list[State]:
-    """What `keep_states` wrote, as states named by their press and depth."""
+def kept_press(path: Path, board: Board, press: Press) -> list[Solved] | None:
+    """The states of a press that `keep_states` wrote; None if the file has none, or those of another deck or grid."""
+    if not path.is_file():
+        return None
+    deck, states = deck_hash(deck_of(board, press)[1]), []
     with np.load(path, allow_pickle=False) as kept:
-        names = sorted({name.rsplit("/", 1)[0] for name in kept.files})
-        return [
-            State(
-                Recipe(name, ()), float(name.split()[-2]),
-                kept[f"{name}/force"] * KEPT_N, kept[f"{name}/displacement"] * KEPT_M,
-            )
-            for name in names
-        ]  # fmt: skip
+        for depth in press.depths:
+            name = f"{press.name} {depth:g} mm"
+            if f"{name}/deck" not in kept.files or str(kept[f"{name}/deck"]) != deck:
+                return None
+            if kept[f"{name}/force"].shape[:2] != (board.grid.n_y, board.grid.n_x):
+                return None
+            state = State(
+                press.recipe, depth, kept[f"{name}/force"] * KEPT_N, kept[f"{name}/displacement"] * KEPT_M,
+                kept[f"{name}/markers"] * KEPT_M,
+            )  # fmt: skip
+            states.append(Solved(press, state, *kept[f"{name}/residuals"].tolist()))
+    return states
+
+
+def solved_again(before: list[Solved], after: list[Solved]) -> str | None:
+    """What differs between two solutions of one press by more than AGAIN_SHARE; None: nothing."""
+    for one, other in zip(before, after, strict=True):
+        for what in ("force", "displacement"):
+            a, b = getattr(one.state, what), getattr(other.state, what)
+            apart = float(np.linalg.norm(a - b) / np.linalg.norm(a))
+            if apart > AGAIN_SHARE:
+                return f"{one.name}: the {what} differs by {100 * apart:.1f} % from the kept one"
+    return None
 
 
 def twin_state(board: Board, one: Solved) -> State:
-    """The same press on our own pad at finite strain: always neo-Hookean."""
+    """The same press on our own neo-Hookean pad at finite strain."""
     return make_states(board, (one.state.recipe,), (one.state.depth_mm,), truth="finite")[0]
 
 
@@ -161,18 +210,17 @@ def beside(one: Solved, twin: State) -> dict[str, float]:
     }  # fmt: skip
 
 
-def judge(board: Board, solved_states: list[Solved], twins: list[State]) -> dict[str, Any]:
+def judge(board: Board, solved_states: list[Solved], twins: dict[str, State]) -> dict[str, Any]:
     """The board's integers, and the peers, on the oracle's states and on the twin's, with the same noise."""
     methods = Methods(board, "finite")
     try:
         noise = Disturbance(white_um=WHITE_UM)
         names = ("optimal", "default, linear", "default")
         rows: dict[str, Any] = {}
-        for one, twin in zip(solved_states, twins, strict=True):
-            rows[one.name] = {
-                "oracle": evaluate(methods, [one.state], noise, N_SEEDS, names),
-                "twin": evaluate(methods, [twin], noise, N_SEEDS, ("default",)),
-            }
+        for one in solved_states:
+            rows[one.name] = {"oracle": evaluate(methods, [one.state], noise, N_SEEDS, names)}
+            if twin := twins.get(one.name):
+                rows[one.name]["twin"] = evaluate(methods, [twin], noise, N_SEEDS, ("default",))
         return rows
     finally:
         methods.close()
@@ -210,23 +258,31 @@ def field_table(rows: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def means_table(rows: dict[str, Any]) -> str:
-    """Mean errors of the default by depth, on the presses of a neo-Hookean pad, which both programs solved."""
-    lines = [
-        "",
-        f"{'default, mean of a depth':32}{'truth':8}{'presses':>9}{'tangential':>11}{'normal':>9}{'resultant':>12}",
-    ]
-    by_depth: dict[str, list[dict[str, Any]]] = {}
+def means(rows: dict[str, Any]) -> list[tuple[str, list[str]]]:
+    """Mean errors of the default by material and depth: (what was pressed, cells of COLUMNS); truth of the oracle.
+
+    The twin's are beside them where it solves the same presses, which are those of a neo-Hookean pad.
+    """
+    groups: dict[str, list[dict[str, Any]]] = {}
     for name, row in rows.items():
-        if "Ogden" not in name:
-            by_depth.setdefault(name.rsplit(" ", 2)[1], []).append(row)
-    for depth, here in sorted(by_depth.items()):
-        for truth in ("oracle", "twin"):
-            means = [row[truth]["default"] for row in here]
-            tangential = [m["tangential"] for m in means if "tangential" in m]
-            lines.append(
-                f"{depth + ' mm':32}{truth:8}{len(means):9}{np.mean(tangential):11.3f}"
-                f"{np.mean([m['normal'] for m in means]):9.3f}"
-                f"{1e3 * np.mean([m['resultant_n'] for m in means]):9.0f} mN"
-            )
+        material = "Ogden" if "Ogden" in name else "neo-Hookean"
+        groups.setdefault(f"{material}, {name.rsplit(' ', 2)[1]} mm", []).append(row)
+    out = []
+    for name, here in sorted(groups.items(), key=lambda item: ("Ogden" in item[0], item[0])):
+        truths = ("oracle",) if "Ogden" in name else ("oracle", "twin")
+        out.append((name, [str(len(here)), *(_mean(here, truth) for truth in truths), *(["-"] * (2 - len(truths)))]))
+    return out
+
+
+def _mean(rows: list[dict[str, Any]], truth: str) -> str:
+    errors = [row[truth]["default"] for row in rows]
+    tangential = np.mean([m["tangential"] for m in errors if "tangential" in m])
+    normal, total = (np.mean([m[name] for m in errors]) for name in ("normal", "resultant_n"))
+    return f"{tangential:.2f}, {normal:.2f}, {1e3 * total:.0f} mN"
+
+
+def means_table(rows: dict[str, Any]) -> str:
+    """`means` as text."""
+    lines = ["", f"{COLUMNS[0]:24}{COLUMNS[1]:>10}   {COLUMNS[2]:32}{COLUMNS[3]}"]
+    lines += [f"{name:24}{cells[0]:>10}   {cells[1]:32}{cells[2]}" for name, cells in means(rows)]
     return "\n".join(lines)

@@ -59,13 +59,15 @@ class Place:
 
 
 def write_deck(
-    pad: Pad, mesh: PadMesh, indenter: Sheet, path: list[Place], friction: float, increment: float | None = None
-) -> str:
+    pad: Pad, mesh: PadMesh, indenter: Sheet, path: list[Place], friction: float, increment: float | None = None, *,
+    is_mirrored: bool = False,
+) -> str:  # fmt: skip
     """The input file; the end of each place of the path is one step, whose results are printed.
 
     `increment` is the longest way (mm) of the indenter between two equilibria: friction follows the path, and a point
     that touches within an increment sticks to where it was at its beginning. None: half a step, then freely. A step has
     2, 4, 8... increments, whose sum is exactly 1: from a rest of 1e-6 the solver finds no equilibrium.
+    `is_mirrored`: the mesh ends in a plane y = 0 of symmetry.
     """
     n_pad, n_bricks = len(mesh.nodes), len(mesh.elements)
     start = Place(path[0].x, path[0].y, 0.0, path[0].turn).of(indenter.nodes)
@@ -85,7 +87,9 @@ def write_deck(
     if friction:
         lines += ["*FRICTION", f"{friction:.9g}, {STICK_STIFFNESS:.9g}"]
     lines += ["*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "SKIN, FACE"]
-    lines += ["*BOUNDARY", "BASE, 1, 3"]
+    if is_mirrored:
+        lines += _set("NSET", "MIRROR", np.flatnonzero(mesh.nodes[:, 1] == mesh.y[-1]) + 1)
+    lines += ["*BOUNDARY", "BASE, 1, 3", *(["MIRROR, 2, 2"] if is_mirrored else [])]
     before = start
     for place in path:
         moved = place.of(indenter.nodes) - start

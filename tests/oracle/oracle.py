@@ -1,11 +1,12 @@
 """`make oracle`: CalculiX presses the pad, the board measures it, the twin does the same. Prints both tables.
 
-Solutions are kept in build/oracle by the hash of their deck; a press that is kept costs nothing.
+What CalculiX says is kept in KEPT, named by the hash of its deck; a press whose deck has changed is solved.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 import sys
 import time
@@ -13,22 +14,32 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import compare
-from presses import PRESSES, QUICK, Press
+from compare import Solved
+from presses import NEO_HOOKE, PRESSES, Press
 from solve import OracleError
 
-from ruffini.boards import find_board
+from ruffini.boards import Board, find_board
 from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
+
+ROOT = Path(__file__).parents[2]
+KEPT = ROOT / "tests" / "data" / "oracle" / "presses.npz"
+KEPT_BOARD = "gelslim"
+JUDGED = ("host/ruffini", "firmware", "boards", "tests/oracle", str(KEPT.relative_to(ROOT)))
+sys.path += [str(ROOT / "tests" / "bench"), str(ROOT / "tests" / "hostile")]
+from gels import with_row  # noqa: E402
+from table import commit  # noqa: E402
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--board", default="gelslim", help="a board with a flat pad and a lattice of markers")
-    parser.add_argument("--folder", type=Path, default=Path("build/oracle"), help="where solutions are kept")
-    parser.add_argument("--quick", action="store_true", help="two presses: not the README's figures")
-    parser.add_argument("--solved-only", action="store_true", help="only presses whose solution is kept")
+    parser.add_argument("--board", default=KEPT_BOARD, help="a board with a flat pad and a lattice of markers")
+    parser.add_argument("--folder", type=Path, default=Path("build/oracle"), help="where the solver's files are kept")
+    parser.add_argument("--again", action="store_true", help=f"solve also what {KEPT.name} has, and compare")
+    parser.add_argument("--turn", type=turn, default=(0, 1), metavar="K/N", help="only every N-th press, from the K-th")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="write the mean errors into this document")
     parser.add_argument("--out", type=Path, help="the tables also into this file, and as .json beside it")
-    parser.add_argument("--keep", type=Path, help="the fields on the board's nodes into this .npz and stop")
+    parser.add_argument("--keep", action="store_true", help=f"solve what {KEPT.name} lacks, write it there, and stop")
     parser.add_argument("--only", nargs="+", help="only presses of these names")
     chosen = parser.parse_args(arguments)
     try:
@@ -38,46 +49,80 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
 
 
-def chosen_presses(only: list[str] | None, is_quick: bool) -> list[Press]:
-    """The presses of these names; all, if there are none."""
-    presses = QUICK if is_quick else PRESSES
-    names = {press.name: None for press in presses}  # in their order
+def turn(text: str) -> tuple[int, int]:
+    """K/N."""
+    at, _, n = text.partition("/")
+    if not (at.isdecimal() and n.isdecimal() and int(at) < int(n)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not K/N with K below N, as in 0/6")
+    return int(at), int(n)
+
+
+def chosen_presses(only: list[str] | None, at: int, n: int) -> list[Press]:
+    """The presses of these names, all if there are none; of them every n-th from number `at`."""
+    names = [press.name for press in PRESSES]
     if unknown := [name for name in only or () if name not in names]:
         raise InputError(f"no press {', '.join(map(repr, unknown))}: choose of {', '.join(names)}")
-    return [press for press in presses if not only or press.name in only]
+    return [press for press in PRESSES if not only or press.name in only][at::n]
+
+
+def states_of(board: Board, press: Press, folder: Path, *, again: bool) -> list[Solved]:
+    """The states of a press, kept or solved; with `again` both, which must agree.
+
+    Raises
+    ------
+    OracleError
+        It cannot be solved here, or the kept states are others.
+    """
+    kept = compare.kept_press(KEPT, board, press)
+    if kept is not None and not again:
+        return kept
+    started = time.monotonic()
+    print(f"oracle: {press.name}: some minutes, unless {folder} has the solution", file=sys.stderr)
+    solved = compare.solve_press(board, press, folder)
+    print(f"oracle: {press.name}, {len(solved)} states, {time.monotonic() - started:.0f} s", file=sys.stderr)
+    if kept is not None and (difference := compare.solved_again(kept, solved)):
+        raise OracleError(f"{difference} ({KEPT}): find out why, then solve all again with --keep")
+    return solved
 
 
 def run(arguments: argparse.Namespace) -> int:
     """The exit code."""
     board = find_board(arguments.board)
     compare.check_board(board)
+    if arguments.keep and (board.name != KEPT_BOARD or arguments.only or arguments.turn != (0, 1)):
+        raise InputError(f"--keep: {KEPT} holds all presses of {KEPT_BOARD}: leave --board, --only and --turn out")
     states, failed = [], 0
-    for press in chosen_presses(arguments.only, arguments.quick):
-        started = time.monotonic()
+    for press in chosen_presses(arguments.only, *arguments.turn):
         try:
-            solved = compare.solve_press(board, press, arguments.folder, only_kept=arguments.solved_only)
+            states += states_of(board, press, arguments.folder, again=arguments.again)
         except OracleError as error:
-            failed += not arguments.solved_only
+            failed += 1
             print(f"oracle: {press.name}: {error}", file=sys.stderr)
-            continue
-        states += solved
-        print(f"oracle: {press.name}, {len(solved)} states, {time.monotonic() - started:.0f} s", file=sys.stderr)
     if not states:
         return 1
     if arguments.keep:
-        compare.keep_states(arguments.keep, states)
-        return 1 if failed else 0
-    twins = []
+        if failed:
+            return 1
+        compare.keep_states(KEPT, board, states)
+        return 0
+    twins = {}
     for one in states:
-        twins.append(compare.twin_state(board, one))
-        print(f"twin: {one.name}", file=sys.stderr)
-    mechanics = {one.name: compare.beside(one, twin) for one, twin in zip(states, twins, strict=True)}
+        if one.press.exponent == NEO_HOOKE:  # as the twin's rubber
+            print(f"twin: {one.name}", file=sys.stderr)
+            twins[one.name] = compare.twin_state(board, one)
+    mechanics = {one.name: compare.beside(one, twins[one.name]) for one in states if one.name in twins}
     fields = compare.judge(board, states, twins)
     text = "\n".join([
         f"{board.name}, SIMULATED by CalculiX and by the twin: {len(states)} presses", "",
         compare.mechanics_table(mechanics), "", compare.field_table(fields), compare.means_table(fields),
     ])  # fmt: skip
     print(text)
+    if arguments.table:
+        text = arguments.table.read_text()
+        at, date = commit(JUDGED), datetime.date.today().isoformat()
+        for name, cells in compare.means(fields):
+            text = with_row(text, f"| {' | '.join((name, *cells, at, date))} |", compare.SECTION, compare.COLUMNS)
+        write_whole(arguments.table, text.encode())
     if arguments.out:
         write_whole(arguments.out, f"{text}\n".encode())
         figures = json.dumps({"mechanics": mechanics, "fields": fields})

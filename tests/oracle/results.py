@@ -174,7 +174,7 @@ class Surface:
         system = sp.csc_matrix((mass.ravel(), (rows, columns)), shape=(len(self.nodes),) * 2)
         traction = spla.splu(system).solve(force)
         # Hats have kinks within faces: integrate over the pieces between the lines of both grids.
-        cuts_x, cuts_y = np.union1d(mesh.x, grid_x), np.union1d(mesh.y, grid_y)
+        cuts_x, cuts_y = (_cuts(line, grid) for line, grid in ((mesh.x, grid_x), (mesh.y, grid_y)))
         at_x, at_y = _gauss(cuts_x), _gauss(cuts_y)
         value = self.sample(traction, at_x[0], at_y[0])
         hats_x, hats_y = (_hats(grid, at[0]) * at[1] for grid, at in ((grid_x, at_x), (grid_y, at_y)))
@@ -187,6 +187,12 @@ def _located(borders: Array, at: Array) -> tuple[npt.NDArray[np.intp], Array]:
     element = np.clip(np.searchsorted(borders, at, side="right") - 1, 0, len(borders) - 2)
     low, high = borders[element], borders[element + 1]
     return element, (2 * at - low - high) / (high - low)
+
+
+def _cuts(line: Array, grid: Array) -> Array:
+    """Borders of the pieces on which faces and hats are smooth, within the mesh."""
+    cuts = np.union1d(line, grid)
+    return cuts[(cuts >= line[0]) & (cuts <= line[-1])]
 
 
 def _gauss(cuts: Array) -> tuple[Array, Array]:

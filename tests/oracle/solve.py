@@ -1,8 +1,7 @@
-"""Runs CalculiX on a deck, once: solutions are kept by the hash of the deck."""
+"""Runs CalculiX on a deck, once: solutions are kept."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 import subprocess
@@ -22,23 +21,19 @@ def is_installed() -> bool:
     return shutil.which(PROGRAM) is not None
 
 
-def solved(deck: str, folder: Path, *, only_kept: bool = False) -> Path:
-    """The .dat file of a deck, from `folder` if it was solved before; otherwise it is solved, unless `only_kept`.
+def solved(deck: str, kept: Path) -> Path:
+    """`kept`, the .dat file of a deck: solved now unless it is there.
 
     Raises
     ------
     OracleError
         The program is missing, found no equilibrium, or took longer than TIME_LIMIT_S.
     """
-    name = hashlib.sha256(deck.encode()).hexdigest()[:24]
-    kept = folder / f"{name}.dat"
     if kept.is_file():
         return kept
-    if only_kept:
-        raise OracleError(f"no kept solution in {folder}: solve it without --solved-only")
     if not is_installed():
         raise OracleError(f"{PROGRAM} is not installed: sudo apt-get install calculix-ccx")
-    work = folder / f"{name}.work"
+    work = kept.with_suffix(".work")
     work.mkdir(parents=True, exist_ok=True)
     (work / "press.inp").write_text(deck)
     try:

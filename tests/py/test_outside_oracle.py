@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from kept import kept
 
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import Scores
+from ruffini.bench.states import State
 from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
@@ -22,15 +25,16 @@ from ruffini.fem.operators import Noise
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 import oracle
-from compare import kept_states, solve_press
+from compare import MIRROR, deck_hash, kept_press, solve_press, solved_again, state_of
 from deck import SETTLED_CONTACT, Pad, Place, write_deck
 from mesh import HALF_STEPS, PadMesh, graded, punch, sheet
-from presses import PRESSES
+from presses import NEO_HOOKE, PRESSES, deck_of
 from results import POINTS, Printed, Surface, brick_gradients, face_shapes, read_dat, surface_forces
 from solve import OracleError, solved
 
 NEEDS_CCX = pytest.mark.skipif(shutil.which("ccx") is None, reason="needs CalculiX: .ci/setup oracle installs it")
 KEPT = Path(__file__).parents[1] / "data" / "oracle"
+KEPT_DAT = KEPT / "4ca50cd66b4bad9466b59b46.dat"  # of `small_press`
 UNEVEN = ([-3.0, -1.0, 0.0, 0.7, 2.0], [-2.0, -0.5, 0.3, 2.0], [-2.0, -1.0, -0.4, 0.0])
 
 
@@ -169,7 +173,7 @@ def test_a_result_that_was_cut_short_is_refused(tmp_path: Path, tail: str) -> No
 
 
 def test_a_result_that_lacks_steps_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("compare.solved", lambda *_, **__: KEPT / "4ca50cd66b4bad9466b59b46.dat")  # two steps
+    monkeypatch.setattr("compare.solved", lambda *_: KEPT_DAT)  # two steps
     with pytest.raises(OracleError, match="2 steps of 3: remove the file"):
         solve_press(find_board("gelslim"), PRESSES[0], tmp_path)
 
@@ -182,14 +186,14 @@ def test_a_solver_that_takes_too_long_is_stopped_with_one_sentence(
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     monkeypatch.setattr("solve.TIME_LIMIT_S", 0.1)
     with pytest.raises(OracleError, match=r"stopped after .* h: .*press\.sta"):
-        solved("*NODE", tmp_path / "kept")
+        solved("*NODE", tmp_path / "kept.dat")
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--only", "nosuch", "ball"], "no press 'nosuch': choose of ball, flat sheared, ball off centre"),
-        (["--quick", "--only", "edge"], "no press 'edge': choose of ball, flat sheared"),
+        (["--only", "nosuch", "ball"], "no press 'nosuch': choose of ball, flat, cylinder, edge"),
+        (["--keep", "--only", "ball"], "holds all presses of gelslim: leave --board, --only and --turn out"),
         (["--board", "nosuch"], "no board 'nosuch'"),
         (["--board", "eltac"], "board 'eltac' cannot be pressed by the oracle"),
         (["--board", "stereo-fingertip"], "board 'stereo-fingertip' cannot be pressed by the oracle"),
@@ -198,7 +202,7 @@ def test_a_solver_that_takes_too_long_is_stopped_with_one_sentence(
 def test_the_command_refuses_what_it_does_not_know(
     arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert oracle.main([*arguments, "--solved-only", "--folder", str(tmp_path)]) == 2
+    assert oracle.main([*arguments, "--folder", str(tmp_path)]) == 2
     printed = capsys.readouterr()
     assert said in printed.err
     assert printed.err.startswith("oracle: ")
@@ -208,13 +212,14 @@ def test_the_command_refuses_what_it_does_not_know(
 def test_without_the_program_one_sentence_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(OracleError, match="apt-get install calculix-ccx"):
-        solved("*NODE", tmp_path / "kept")
+        solved("*NODE", tmp_path / "kept.dat")
 
 
 def test_forces_read_from_stresses_are_the_indenters_reaction() -> None:
     """On the kept solution, whose name is also a golden of the deck."""
     mesh, deck = small_press()
-    printed = read_dat(solved(deck, KEPT, only_kept=True))
+    assert deck_hash(deck) == KEPT_DAT.stem
+    printed = read_dat(KEPT_DAT)
     assert len(printed) == 2
     for one in printed:
         size = abs(one.on_indenter[2])
@@ -227,7 +232,7 @@ def test_forces_read_from_stresses_are_the_indenters_reaction() -> None:
 @NEEDS_CCX
 def test_the_program_solves_the_kept_press_again(tmp_path: Path) -> None:
     deck = small_press()[1]
-    for again, before in zip(read_dat(solved(deck, tmp_path)), read_dat(solved(deck, KEPT)), strict=True):
+    for again, before in zip(read_dat(solved(deck, tmp_path / "again.dat")), read_dat(KEPT_DAT), strict=True):
         np.testing.assert_allclose(again.displacement, before.displacement, atol=1e-4)  # mm; it chatters
         np.testing.assert_allclose(again.on_indenter, before.on_indenter, rtol=1e-3, atol=1e-4)
 
@@ -244,7 +249,7 @@ def test_the_solvers_friction_counts_the_way_before_a_touch_unless_it_is_mortar(
     deck = write_deck(Pad(4, 4, 2, 0.2, 0.48), mesh, plate, path, 0.7, 0.2)
     settled = f"*CONTROLS, PARAMETERS=CONTACT\n{SETTLED_CONTACT}\n"
     deck = deck.replace("TYPE=SURFACE TO SURFACE", f"TYPE={contact}").replace(settled, "")
-    printed = read_dat(solved(deck, tmp_path))[-1]
+    printed = read_dat(solved(deck, tmp_path / "press.dat"))[-1]
     low, high = dragged_um
     assert low <= 1e3 * abs(printed.displacement[np.isin(printed.nodes, mesh.top), 0].mean()) < high
     assert printed.on_base[2] > 0.02
@@ -253,44 +258,143 @@ def test_the_solvers_friction_counts_the_way_before_a_touch_unless_it_is_mortar(
 @NEEDS_CCX
 def test_a_bad_deck_names_its_log(tmp_path: Path) -> None:
     with pytest.raises(OracleError, match=r"press\.log"):
-        solved("*NODE, NSET=ALL\n1,0,0,0\n*STEP\n*NONSENSE\n*END STEP\n", tmp_path)
+        solved("*NODE, NSET=ALL\n1,0,0,0\n*STEP\n*NONSENSE\n*END STEP\n", tmp_path / "press.dat")
 
 
-# Error of the total force over the force, by depth, mm.
-BUDGET = {
-    False: {0.3: (0.001, 0.04), 0.6: (0.02, 0.08), 1.0: (0.08, 0.16)},  # at small strain the error grows with the depth
-    True: {0.3: (0.001, 0.04), 0.6: (0.001, 0.02), 1.0: (0.001, 0.02)},
+@NEEDS_CCX
+def test_half_a_pad_with_its_image_is_the_whole_pad(tmp_path: Path) -> None:
+    """A plate presses and drags along the plane of symmetry."""
+    path, pad = [Place(0, 0, 0.1), Place(0.05, 0, 0.1)], Pad(4, 4, 2, 0.2, 0.48)
+    plate = sheet(lambda x, y: 0 * x, 1.2, 1.2, 0.6)
+    line, depth = np.linspace(-2, 2, 5), np.array([-2.0, -1.0, 0.0])
+    fields = []
+    for name, y, is_mirrored in (("whole", line, False), ("half", line[:3], True)):
+        mesh = PadMesh(line, y, depth)
+        printed = read_dat(
+            solved(write_deck(pad, mesh, plate, path, 0.7, is_mirrored=is_mirrored), tmp_path / f"{name}.dat")
+        )[-1]
+        surface = Surface(mesh)
+        moved = np.zeros_like(mesh.nodes)
+        moved[printed.nodes] = printed.displacement
+        fields.append(
+            (
+                surface.sample(moved[surface.nodes], line, line[:3]),
+                surface.on_grid(surface_forces(mesh, printed)[surface.nodes], line, line),
+            )
+        )
+    (u, f), (half_u, half_f) = fields
+    np.testing.assert_allclose(half_u, u, atol=2e-4)
+    assert abs(f[2, 2, 2]) > 0.005
+    np.testing.assert_allclose(half_f + MIRROR * half_f[::-1], f, atol=0.02 * np.abs(f).max())
+
+
+def test_a_mirrored_press_reads_as_the_whole_pad() -> None:
+    """A field of displacement and stress that is its own image in y = 0, on half of a mesh."""
+    board, press = find_board("gelslim"), PRESSES[0]
+    assert press.is_mirrored
+    mesh = deck_of(board, press)[0]
+    assert mesh.y[-1] == 0
+    nodes = np.unique(mesh.elements[mesh.top_elements])
+    x, y, _ = mesh.nodes[nodes].T
+    bump = np.exp(-((x - 1) ** 2 + y**2) / 8)
+    moved = np.column_stack([1e-3 * bump, 2e-3 * bump * y, -0.01 * bump])
+    stress = np.tile([0.0, 0, -2e-3, 0, 1e-3, 0], (len(mesh.top_elements), len(POINTS), 1))
+    one = state_of(board, mesh, press, 0.3, Printed(nodes, moved, stress, np.ones(3), -np.ones(3))).state
+    for value in (one.force, one.displacement):
+        np.testing.assert_allclose(value, MIRROR * value[::-1], atol=1e-9 * np.abs(value).max() + 1e-15)
+    rows_y = np.linspace(-8, 8, board.grid.n_y)
+    at = np.argmin(abs(rows_y - 2))  # y = 2 mm: of the image
+    column = int(np.argmin(abs(np.linspace(-10, 10, board.grid.n_x) - 1)))
+    assert one.displacement[at, column, 1] == pytest.approx(4e-6 * np.exp(-0.5), rel=0.1)
+    pad = board.pad
+    np.testing.assert_allclose(
+        one.force.sum(axis=(0, 1)), [1e-3 * pad.size_x_um * pad.size_y_um * 1e-6, 0, -2e-3 * 320], rtol=0.02, atol=1e-9
+    )
+
+
+def kept_states(exponent: float) -> list[State]:
+    board = find_board("gelslim")
+    found = [kept_press(KEPT / "presses.npz", board, press) for press in PRESSES if press.exponent == exponent]
+    assert None not in found, "a deck has changed: solve the presses again, tests/oracle/oracle.py --keep"
+    return [one.state for press in found for one in press or ()]
+
+
+def test_a_press_whose_deck_changed_is_not_taken_for_solved() -> None:
+    board, press = find_board("gelslim"), PRESSES[0]
+    assert len(kept_press(KEPT / "presses.npz", board, press) or ()) == 3
+    other = replace(press, recipe=replace(press.recipe, touches=(replace(press.recipe.touches[0], x=0.31),)))
+    assert kept_press(KEPT / "presses.npz", board, other) is None
+
+
+def test_a_solution_unlike_the_kept_one_is_told() -> None:
+    before = kept_press(KEPT / "presses.npz", find_board("gelslim"), PRESSES[0])
+    assert before is not None
+    assert solved_again(before, before) is None
+    after = [*before[:2], replace(before[2], state=replace(before[2].state, force=1.05 * before[2].state.force))]
+    assert solved_again(before, after) == "ball 1 mm: the force differs by 5.0 % from the kept one"
+
+
+def test_a_press_that_is_solved_again_must_be_the_kept_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("compare.judge", lambda *_: {})
+    monkeypatch.setattr("compare.twin_state", lambda _, one: one.state)
+    words = ["--again", "--only", "ball", "--folder", str(tmp_path)]
+    before = kept_press(KEPT / "presses.npz", find_board("gelslim"), PRESSES[0])
+    assert before is not None
+    monkeypatch.setattr("compare.solve_press", lambda *_: before)
+    assert oracle.main(words) == 0
+    others = [replace(one, state=replace(one.state, displacement=1.1 * one.state.displacement)) for one in before]
+    monkeypatch.setattr("compare.solve_press", lambda *_: others)
+    assert oracle.main(words) == 1
+    assert "ball 0.3 mm: the displacement differs by 10.0 % from the kept one" in capsys.readouterr().err
+
+
+def test_every_nth_press_is_chosen() -> None:
+    names = [press.name for press in PRESSES]
+    assert [press.name for press in oracle.chosen_presses(None, 1, 5)] == names[1::5]
+    with pytest.raises(argparse.ArgumentTypeError, match="'5/3' is not K/N with K below N"):
+        oracle.turn("5/3")
+
+
+def test_at_least_24_presses_are_kept_and_their_forces_balance() -> None:
+    board = find_board("gelslim")
+    kept_now = [one for press in PRESSES for one in kept_press(KEPT / "presses.npz", board, press) or ()]
+    assert len(kept_now) >= 24
+    assert {one.state.depth_mm for one in kept_now} == {0.3, 0.6, 1.0, 1.2, 1.5}
+    assert max(one.imbalance for one in kept_now) < 1e-4
+    assert max(one.unread for one in kept_now) < 1e-3
+
+
+# Mean total error, mN, by depth, mm, between these: the linear default's grows with the depth.
+TOTAL_MN = {
+    False: {0.3: (3, 30), 0.6: (40, 150), 1.0: (200, 500)},
+    True: {0.3: (1, 8), 0.6: (2, 12), 1.0: (10, 50)},
 }
 NOISE = Noise(USUAL.sigma_m)
 
 
 @pytest.mark.parametrize("is_finite", [False, True])
 def test_the_boards_integers_measure_kept_presses_of_the_oracle(is_finite: bool) -> None:
-    """A ball 0.3, 0.6 and 1 mm deep (`oracle.py --only ball --keep FILE`); the errors are two-sided budgets."""
     board = find_board("gelslim")
     kind = kept(make_operator, board, method="support", noise=NOISE, n_touches=0, is_finite=is_finite)
     step_mm = tuple(
         1e-3 * s / (n - 1) for s, n in ((board.pad.size_x_um, board.grid.n_x), (board.pad.size_y_um, board.grid.n_y))
     )
-    states = kept_states(KEPT / "presses.npz")
-    assert [(s.recipe.name, s.depth_mm) for s in states] == [
-        ("ball 0.3 mm", 0.3),
-        ("ball 0.6 mm", 0.6),
-        ("ball 1 mm", 1.0),
-    ]
     rng = np.random.default_rng(31)
+    by_depth: dict[float, Scores] = {}
     with Pipeline(
         board, container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}).data
     ) as core:
-        for state in states:
+        for state in kept_states(NEO_HOOKE):
             noisy = state.displacement + Disturbance(white_um=WHITE_UM).draw(state.displacement.shape, rng)
             steps = np.round(noisy / DISPLACEMENT_LSB_M).astype(np.int16)
             force = core.solve(steps.reshape(1, -1, 3)).reshape(state.force.shape) * board.field.force_lsb_un * 1e-6
-            scores = Scores()
-            scores.add(state, force, step_mm)
-            means = scores.means()
-            assert (0.05 if is_finite else 0.08) < means["normal"] < 0.24
-            assert 0.85 < means["peak"] < 1.25
-            share = means["resultant_n"] / state.resultant_n
-            low, high = BUDGET[is_finite][state.depth_mm]
-            assert low < share < high
+            by_depth.setdefault(state.depth_mm, Scores()).add(state, force, step_mm)
+    means = {depth: scores.means() for depth, scores in by_depth.items()}
+    for depth, (low, high) in TOTAL_MN[is_finite].items():
+        assert low < 1e3 * means[depth]["resultant_n"] < high
+    if is_finite:
+        assert means[0.6]["tangential"] < 0.61  # 1.2 times docs/results/accuracy.md, "Large strain"
+        assert means[1.0]["tangential"] < 0.47
+        assert max(m["normal"] for m in means.values()) < 0.22

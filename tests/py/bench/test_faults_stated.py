@@ -34,7 +34,8 @@ sys.path += [str(ROOT / "tests" / "bench"), str(ROOT / "tests" / "oracle")]
 import faults_stated  # noqa: E402
 import gels  # noqa: E402
 import large_strain  # noqa: E402
-from compare import kept_states  # noqa: E402
+from compare import kept_press  # noqa: E402
+from presses import PRESSES  # noqa: E402
 
 BOARD = find_board("gelslim")
 SHAPE = (BOARD.grid.n_y, BOARD.grid.n_x, 3)
@@ -110,7 +111,8 @@ def test_each_press_is_judged_with_the_weights_of_the_others(monkeypatch: pytest
     """Presses of the outside oracle; forces that are off by a fifth more ask for larger variances."""
     monkeypatch.setattr(large_strain, "make_operator", partial(kept, make_operator))
     monkeypatch.setattr(large_strain, "N_TOUCHES", N_FEW)
-    presses = [[state] for state in kept_states(ROOT / "tests" / "data" / "oracle" / "presses.npz")]
+    solved = kept_press(ROOT / "tests" / "data" / "oracle" / "presses.npz", BOARD, PRESSES[0])
+    presses = [[one.state] for one in solved or ()]
     fitted_on: list[list[float]] = []
 
     def weights_for(others: list[State]) -> Weights:
