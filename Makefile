@@ -189,9 +189,9 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 	@$(if $(QUICK),true,$(PYTHON) tests/bench/residual.py)
 
 ORACLE = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice $(PYTHON) tests/oracle/oracle.py
-oracle: build  ## a finite element program of others (CalculiX) presses the pad that the board measures; its forces beside the twin's. One press is solved again, the others are kept; TURN=0/1: all are solved again, two hours
+oracle: build  ## a finite element program of others (CalculiX) presses the pad, the board measures it: one press solved again and played by the twin, then those that are kept; TURN=0/1: all again, hours
 	@.ci/setup oracle
-	@$(ORACLE) --again --turn $(or $(TURN),3/16)
+	@$(ORACLE) --again --twin --turn $(or $(TURN),3/16)
 	@$(if $(TURN),true,$(ORACLE) --out out/oracle.txt)
 
 FUNCTIONS ?= 0

@@ -32,7 +32,7 @@ MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector in the plane y = 0
 
 
 SECTION = "## An outside oracle"
-COLUMNS = ("pad, depth", "presses", "CalculiX: tangential, normal, total", "the twin: the same", "commit", "date")
+COLUMNS = ("pad, depth", "states", "tangential, normal, total", "linear default: the same", "commit", "date")
 
 
 @dataclass(frozen=True)
@@ -259,23 +259,20 @@ def field_table(rows: dict[str, Any]) -> str:
 
 
 def means(rows: dict[str, Any]) -> list[tuple[str, list[str]]]:
-    """Mean errors of the default by material and depth: (what was pressed, cells of COLUMNS); truth of the oracle.
-
-    The twin's are beside them where it solves the same presses, which are those of a neo-Hookean pad.
-    """
+    """Mean errors of the default by material and depth: (what was pressed, cells of COLUMNS)."""
     groups: dict[str, list[dict[str, Any]]] = {}
     for name, row in rows.items():
         material = "Ogden" if "Ogden" in name else "neo-Hookean"
-        groups.setdefault(f"{material}, {name.rsplit(' ', 2)[1]} mm", []).append(row)
-    out = []
-    for name, here in sorted(groups.items(), key=lambda item: ("Ogden" in item[0], item[0])):
-        truths = ("oracle",) if "Ogden" in name else ("oracle", "twin")
-        out.append((name, [str(len(here)), *(_mean(here, truth) for truth in truths), *(["-"] * (2 - len(truths)))]))
-    return out
+        groups.setdefault(f"{material}, {name.rsplit(' ', 2)[1]} mm", []).append(row["oracle"])
+    order = sorted(groups, key=lambda name: ("Ogden" in name, name))
+    return [
+        (name, [str(len(groups[name])), *(_mean(groups[name], method) for method in ("default", "default, linear"))])
+        for name in order
+    ]
 
 
-def _mean(rows: list[dict[str, Any]], truth: str) -> str:
-    errors = [row[truth]["default"] for row in rows]
+def _mean(rows: list[dict[str, Any]], method: str) -> str:
+    errors = [row[method] for row in rows]
     tangential = np.mean([m["tangential"] for m in errors if "tangential" in m])
     normal, total = (np.mean([m[name] for m in errors]) for name in ("normal", "resultant_n"))
     return f"{tangential:.2f}, {normal:.2f}, {1e3 * total:.0f} mN"

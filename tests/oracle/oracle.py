@@ -1,4 +1,4 @@
-"""`make oracle`: CalculiX presses the pad, the board measures it, the twin does the same. Prints both tables.
+"""`make oracle`: CalculiX presses the pad, and the board measures it. Prints how far the board errs.
 
 What CalculiX says is kept in KEPT, named by the hash of its deck; a press whose deck has changed is solved.
 """
@@ -37,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--folder", type=Path, default=Path("build/oracle"), help="where the solver's files are kept")
     parser.add_argument("--again", action="store_true", help=f"solve also what {KEPT.name} has, and compare")
     parser.add_argument("--turn", type=turn, default=(0, 1), metavar="K/N", help="only every N-th press, from the K-th")
+    parser.add_argument("--twin", action="store_true", help="the twin beside it: minutes for each state the first time")
     parser.add_argument("--table", type=Path, metavar="FILE", help="write the mean errors into this document")
     parser.add_argument("--out", type=Path, help="the tables also into this file, and as .json beside it")
     parser.add_argument("--keep", action="store_true", help=f"solve what {KEPT.name} lacks, write it there, and stop")
@@ -107,15 +108,15 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     twins = {}
     for one in states:
-        if one.press.exponent == NEO_HOOKE:  # as the twin's rubber
+        if arguments.twin and one.press.exponent == NEO_HOOKE:  # as the twin's rubber
             print(f"twin: {one.name}", file=sys.stderr)
             twins[one.name] = compare.twin_state(board, one)
     mechanics = {one.name: compare.beside(one, twins[one.name]) for one in states if one.name in twins}
     fields = compare.judge(board, states, twins)
-    text = "\n".join([
-        f"{board.name}, SIMULATED by CalculiX and by the twin: {len(states)} presses", "",
-        compare.mechanics_table(mechanics), "", compare.field_table(fields), compare.means_table(fields),
-    ])  # fmt: skip
+    text = f"{board.name}, SIMULATED by CalculiX: {len(states)} states\n\n"
+    if mechanics:
+        text += f"{compare.mechanics_table(mechanics)}\n\n"
+    text += f"{compare.field_table(fields)}\n{compare.means_table(fields)}"
     print(text)
     if arguments.table:
         text = arguments.table.read_text()
