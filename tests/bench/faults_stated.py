@@ -131,13 +131,16 @@ def judge(methods: Methods, fault: Fault) -> list[str]:
 def main(words: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--board", default="gelslim")
+    parser.add_argument("--only", default="", metavar="TEXT", help="only faults whose name has this")
     parser.add_argument("--table", type=Path, metavar="FILE", help="write the rows into this document")
     given = parser.parse_args(words)
     at, date = commit(JUDGED), datetime.date.today().isoformat()
     strains: tuple[Strain, ...] = ("linear", "finite")
+    if not (faults := [one for one in FAULTS if given.only in one.name]):
+        parser.error(f"--only {given.only}: no fault has this in its name: {', '.join(one.name for one in FAULTS)}")
     for strain in strains:
         with contextlib.closing(Methods(find_board(given.board), strain)) as methods:
-            for fault in (one for one in FAULTS if one.strain == strain):
+            for fault in (one for one in faults if one.strain == strain):
                 row = f"| {' | '.join((*judge(methods, fault), at, date))} |"
                 print(row, flush=True)
                 if given.table is not None:
