@@ -385,7 +385,9 @@ def main() -> None:
     ):  # fmt: skip
         parser.error(f"--nodes-of {nodes_of.name}: its pad has another size than {board.name}'s")
     if nodes_of is not None and (nodes_of.grid.n_x > board.grid.n_x or nodes_of.grid.n_y > board.grid.n_y):
-        parser.error(f"--nodes-of {nodes_of.name}: its nodes are finer than {board.name}'s, which can only be added up")
+        parser.error(
+            f"--nodes-of {nodes_of.name}: its nodes are finer than {board.name}'s: give a board with coarser ones"
+        )
     believed = make_operator(board, method="support", noise=noise_of(board))
     seed = DEVELOPMENT_SEED if arguments.development else JUDGED_SEED
     total = Total()
