@@ -22,7 +22,7 @@ CHROMIUM = "/usr/bin/chromium"
 # would take twice the processor's time.
 SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"]
 SHUTDOWN_S = 0.01  # that the server waits twice for a page that is still open; a person's 1 s is two a test
-LOOK_MS = 20  # between two looks at the page's state
+LOOK_MS, LONGEST_LOOK_MS = 20, 200  # between two looks at the page's state: each costs both sides
 KINDS = ("wrench", "field")
 
 
@@ -68,13 +68,14 @@ def wait_for(
     state_of: Callable[[Evaluates], Any] = state_of,
 ) -> Any:
     """The page's state, or that part of it which `state_of` reads, once it is accepted."""
-    patience = Patience()
+    patience, look_ms = Patience(), float(LOOK_MS)
     while not patience.is_over():
         state = state_of(page)
         with contextlib.suppress(KeyError, IndexError, TypeError, ValueError):
             if accept(state):
                 return state
-        page.wait_for_timeout(LOOK_MS)
+        page.wait_for_timeout(look_ms)
+        look_ms = min(1.2 * look_ms, LONGEST_LOOK_MS)
     raise AssertionError(f"the page never showed {what}: {state}")
 
 
