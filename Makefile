@@ -191,7 +191,7 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 ORACLE = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice $(PYTHON) tests/oracle/oracle.py
 oracle: build  ## CalculiX, a finite element program of others, presses the pad that the board measures: one press now, the others as kept; TURN=K/16: every 16th, from the K-th; TURN=0/1: all, hours
 	@.ci/setup oracle
-	@$(ORACLE) --again --twin --turn $(or $(TURN),3/16)
+	@$(ORACLE) --again --turn $(or $(TURN),3/16) $(if $(TURN),,--twin)
 	@$(if $(TURN),true,$(ORACLE) --out out/oracle.txt)
 
 FUNCTIONS ?= 0
