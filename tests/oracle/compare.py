@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -158,20 +159,35 @@ def keep_states(path: Path, board: Board, states: list[Solved]) -> None:
 
 
 def kept_press(path: Path, board: Board, press: Press) -> list[Solved] | None:
-    """The states of a press that `keep_states` wrote; None if the file has none, or those of another deck or grid."""
+    """The states of a press that `keep_states` wrote; None if the file has none, or those of another deck or grid.
+
+    Raises
+    ------
+    OracleError
+        The file is damaged.
+    """
     if not path.is_file():
         return None
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            return _states_in(kept, board, press)
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise OracleError(
+            f"{path} cannot be read ({error}): take it from the repository again, git checkout {path}"
+        ) from error
+
+
+def _states_in(kept: np.lib.npyio.NpzFile, board: Board, press: Press) -> list[Solved] | None:
     deck, states = deck_hash(deck_of(board, press)[1]), []
-    with np.load(path, allow_pickle=False) as kept:
-        for depth in press.depths:
-            name = f"{press.name} {depth:g} mm"
-            if f"{name}/deck" not in kept.files or str(kept[f"{name}/deck"]) != deck:
-                return None
-            if kept[f"{name}/force"].shape[:2] != (board.grid.n_y, board.grid.n_x):
-                return None
-            force, displacement = kept[f"{name}/force"] * KEPT_N, kept[f"{name}/displacement"] * KEPT_M
-            state = State(press.recipe, depth, force, displacement)
-            states.append(Solved(press, state, *kept[f"{name}/residuals"].tolist()))
+    for depth in press.depths:
+        name = f"{press.name} {depth:g} mm"
+        if f"{name}/deck" not in kept.files or str(kept[f"{name}/deck"]) != deck:
+            return None
+        if kept[f"{name}/force"].shape[:2] != (board.grid.n_y, board.grid.n_x):
+            return None
+        force, displacement = kept[f"{name}/force"] * KEPT_N, kept[f"{name}/displacement"] * KEPT_M
+        state = State(press.recipe, depth, force, displacement)
+        states.append(Solved(press, state, *kept[f"{name}/residuals"].tolist()))
     return states
 
 

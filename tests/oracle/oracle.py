@@ -8,8 +8,8 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
+import shutil
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -89,8 +89,10 @@ def states_of(board: Board, press: Press, chosen: argparse.Namespace) -> list[So
         )
     started = time.monotonic()
     print(f"oracle: {press.name}: CalculiX solves it, some minutes", file=sys.stderr)
-    with tempfile.TemporaryDirectory(prefix="ruffini-oracle-") as fresh:
-        solved = compare.solve_press(board, press, Path(fresh) if chosen.again else chosen.folder)
+    folder = chosen.folder
+    if chosen.again:  # not what an earlier run left, but its files, for the log
+        shutil.rmtree(folder := folder / "again", ignore_errors=True)
+    solved = compare.solve_press(board, press, folder)
     print(f"oracle: {press.name}, {len(solved)} states, {time.monotonic() - started:.0f} s", file=sys.stderr)
     if kept is not None and not chosen.keep and (difference := compare.solved_again(kept, solved)):
         raise OracleError(f"{difference} ({KEPT}): find out why, then solve all with --keep --again")

@@ -24,7 +24,19 @@ from ruffini.fem.operators import Noise
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 import oracle
-from compare import MIRROR, Solved, deck_hash, keep_states, kept_press, means, solve_press, solved_again, state_of
+from compare import (
+    COLUMNS,
+    MIRROR,
+    SECTION,
+    Solved,
+    deck_hash,
+    keep_states,
+    kept_press,
+    means,
+    solve_press,
+    solved_again,
+    state_of,
+)  # fmt: skip
 from deck import SETTLED_CONTACT, Pad, Place, write_deck
 from mesh import HALF_STEPS, PadMesh, graded, punch, sheet
 from presses import NEO_HOOKE, PRESSES, deck_of
@@ -366,6 +378,40 @@ def test_a_press_that_is_solved_again_must_be_the_kept_one(
     monkeypatch.setattr("oracle.KEPT", tmp_path / "nothing.npz")
     assert oracle.main(words) == 1
     assert "has no states of this deck and board to compare with" in capsys.readouterr().err
+
+
+def test_a_solver_that_fails_again_leaves_the_log_that_its_error_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "ccx").write_text("#!/bin/sh\necho '*ERROR: no equilibrium'\nexit 201\n")
+    (tmp_path / "ccx").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    assert oracle.main(["--again", "--only", "ball", "--folder", str(tmp_path / "kept")]) == 1
+    log = Path(capsys.readouterr().err.split(": read ")[1].strip())
+    assert "no equilibrium" in log.read_text()
+
+
+def test_a_damaged_file_of_kept_presses_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = (KEPT / "presses.npz").read_bytes()
+    (tmp_path / "presses.npz").write_bytes(whole[: len(whole) // 2])
+    monkeypatch.setattr("oracle.KEPT", tmp_path / "presses.npz")
+    assert oracle.main(["--only", "ball"]) == 1
+    assert "presses.npz cannot be read (" in (said := capsys.readouterr().err)
+    assert said.count("\n") == 1
+
+
+def test_the_document_gets_rows_and_the_other_file_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("compare.judge", lambda *_: {})
+    monkeypatch.setattr("compare.means", lambda *_: [("soft, 1 mm", ["2, 1", "0.1, 0.2, 3 mN", "0.4, 0.5, 6 mN"])])
+    document, tables = tmp_path / "document.md", tmp_path / "tables.txt"
+    head = " | ".join(COLUMNS)
+    document.write_text(f"{SECTION}\n\n| {head} |\n|{' --- |' * len(COLUMNS)}\n\n## Next\n")
+    assert oracle.main(["--table", str(document), "--out", str(tables)]) == 0
+    assert "| soft, 1 mm | 2, 1 | 0.1, 0.2, 3 mN | 0.4, 0.5, 6 mN |" in document.read_text()
+    assert document.read_text().endswith("## Next\n")
+    assert tables.read_text().startswith("gelslim, SIMULATED by CalculiX: 36 states\n")
 
 
 def test_every_nth_press_is_chosen() -> None:

@@ -107,6 +107,16 @@ def test_the_hole_is_under_the_contact_and_as_wide_as_the_row_says(methods: Any)
     assert (across_mm <= faults_stated.HOLE_MM).all()
 
 
+def test_no_constant_of_the_depth_is_left_once_the_rim_is_zero(methods: Any) -> None:
+    fault = next(one for one in faults_stated.FAULTS if "any constant" in one.name)
+    u = contact().displacement
+    found = fault.observe(u, methods, np.random.default_rng(3))
+    deeper = fault.observe(u - [0, 0, 1e-4], methods, np.random.default_rng(3))
+    np.testing.assert_allclose(deeper, found, atol=1e-15)
+    rim = np.concatenate([found[0], found[-1], found[1:-1, 0], found[1:-1, -1]])  # of the outermost nodes
+    assert abs(rim[:, 2].mean()) < 5e-6 < abs(u[..., 2].min())
+
+
 def test_each_press_is_judged_with_the_weights_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     """Presses of the outside oracle; forces that are off by a fifth more ask for larger variances."""
     monkeypatch.setattr(large_strain, "make_operator", partial(kept, make_operator))
