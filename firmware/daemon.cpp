@@ -44,7 +44,6 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Daem
   path_->set_live(!devices_.camera->is_replay());
   if (options_.save_rest && !devices_.camera->is_replay()) {
     path_->expect_rest(options_.previous_rest);
-    rest_to_save_.resize(path_->rest_image().size());
   } else {
     options_.save_rest = {};
   }
@@ -326,7 +325,7 @@ void Daemon::send_results(const FrameLease& lease) {
   exchange_.is_touched = path_->is_touched();
   exchange_.is_zeroing = path_->is_zeroing();
   exchange_.refused_zeros = path_->rest_watch().n_refused;
-  save_rest();
+  offer_rest();
   exchange_.zero_moved_nm = static_cast<uint32_t>(state.displacement.zero_moved_nm);
   exchange_.is_zero_at_limit = state.displacement.is_zero_at_limit;
   if (exchange_.is_camera_live) count_late(lease.capture_us());
@@ -334,14 +333,27 @@ void Daemon::send_results(const FrameLease& lease) {
   wake_link();  // now, so that the link thread also sees that the camera is back
 }
 
-// Copies the rest image for the link thread. Retries with the next frame if the previous copy has not been saved.
-void Daemon::save_rest() {
+// Copies a new rest image for the link thread, one frame or more after it was asked for room.
+void Daemon::offer_rest() {
   const uint32_t n_known = path_->rest_watch().n_accepted;
-  if (!options_.save_rest || n_known == n_saved_rests_ || is_rest_to_save_) return;
+  if (!options_.save_rest || n_known == n_saved_rests_) return;
+  if (rest_room_ == RestRoom::kNone) rest_room_ = RestRoom::kAsked;
+  if (rest_room_ != RestRoom::kEmpty) return;
   const std::span<const uint16_t> rest = path_->rest_image();
   std::copy(rest.begin(), rest.end(), rest_to_save_.begin());
   n_saved_rests_ = n_known;
-  is_rest_to_save_ = true;
+  rest_room_ = RestRoom::kFull;
+}
+
+void Daemon::save_rest() {
+  if (rest_room_ == RestRoom::kAsked) {
+    rest_to_save_.resize(size_t{3} * static_cast<size_t>(board_.camera.width_px * board_.camera.height_px));
+    rest_room_ = RestRoom::kEmpty;
+  } else if (rest_room_ == RestRoom::kFull) {
+    options_.save_rest(rest_to_save_);
+    std::vector<uint16_t>().swap(rest_to_save_);
+    rest_room_ = RestRoom::kNone;
+  }
 }
 
 // One system call if the line changes, before anything is encoded.
@@ -421,10 +433,7 @@ bool Daemon::serve_once(int wait_ms) {
     board_health_us_ = now_us;
   }
   notify_manager(now_us);
-  if (is_rest_to_save_) {
-    options_.save_rest(rest_to_save_);
-    is_rest_to_save_ = false;
-  }
+  save_rest();
   session_.poll(now_us);
   std::span<const uint8_t> out = session_.pending();
   devices_.link->wait(!out.empty(), wait_ms);

@@ -103,6 +103,7 @@ class Daemon {
   void finish(uint32_t number, uint64_t since_us);
   void finish_loop();
   void send_results(const FrameLease& lease);
+  void offer_rest();
   void save_rest();
   void switch_reflex(const FrameState& state);
   void count_late(uint64_t capture_us);
@@ -132,9 +133,11 @@ class Daemon {
   Liveness<4> liveness_;
   uint64_t link_iterations_ = 0;
   bool is_ready_reported_ = false;  // READY was sent
-  // Owned by the frame thread while is_rest_to_save_ is false, else by the link thread
-  std::vector<uint16_t> rest_to_save_;
-  std::atomic<bool> is_rest_to_save_{false};
+  // A rest image on its way to the medium. The frame thread asks for room and fills it, the link thread gives it, saves
+  // the image and frees the room, which is as large as two pictures.
+  enum class RestRoom : uint8_t { kNone, kAsked, kEmpty, kFull };
+  std::atomic<RestRoom> rest_room_{RestRoom::kNone};
+  std::vector<uint16_t> rest_to_save_;  // the frame thread's while kEmpty, else the link thread's
   uint32_t n_saved_rests_ = 0;
   Session session_;
   MessageEncoder encoder_;

@@ -22,11 +22,10 @@ Rest::Rest(int width_px, int height_px, int n_frames)
       height_px_(height_px),
       n_frames_(n_frames),
       n_wanted_(std::min(n_frames, kMaxFrames)),
-      sum_(static_cast<size_t>(width_px * height_px * 3)),
-      image_(sum_.size()),
-      planes8_(sum_.size()),
-      reciprocal_(sum_.size()),
-      unit_reciprocal_(sum_.size()),
+      image_(static_cast<size_t>(width_px * height_px * 3)),
+      planes8_(image_.size()),
+      reciprocal_(image_.size()),
+      unit_reciprocal_(image_.size()),
       nodes_(map_nodes(width_px, height_px)),
       factor_(3 * static_cast<size_t>(nodes_.count()), kUnitGain),
       node_gain_(factor_.size()),
@@ -39,13 +38,13 @@ void Rest::restart(int n_frames) {
   n_wanted_ = std::min(n_frames > 0 ? n_frames : n_frames_, kMaxFrames);
   n_added_ = 0;
   is_ready_ = false;
-  std::fill(sum_.begin(), sum_.end(), uint16_t{0});
+  std::fill(unit_reciprocal_.begin(), unit_reciprocal_.end(), uint16_t{0});
 }
 
 void Rest::cancel_learning() {
   if (is_ready_) return;
   restart(n_wanted_);
-  is_ready_ = has_image_;
+  if (has_image_) find_unit_reciprocals();
 }
 
 void Rest::load(std::span<const uint16_t> image) {
@@ -62,27 +61,36 @@ bool Rest::add(const FrameView& frame) {
   const size_t row_values = static_cast<size_t>(width_px_) * 3;
   for (int y = 0; y < height_px_; ++y) {
     const uint8_t* pixels = frame.row(y);
-    uint16_t* sums = sum_.data() + static_cast<size_t>(y) * row_values;
+    uint16_t* sums = unit_reciprocal_.data() + static_cast<size_t>(y) * row_values;
     for (size_t i = 0; i < row_values; ++i) sums[i] += pixels[i];
   }
   if (++n_added_ < n_wanted_) return false;
   const auto n = static_cast<uint32_t>(n_added_);
-  for (size_t i = 0; i < sum_.size(); ++i) image_[i] = static_cast<uint16_t>((16 * sum_[i] + n / 2) / n);
+  for (size_t i = 0; i < image_.size(); ++i) {
+    image_[i] = static_cast<uint16_t>((16 * uint32_t{unit_reciprocal_[i]} + n / 2) / n);
+  }
   finish();
   return true;
 }
 
 void Rest::finish() {
-  const size_t n_pixels = image_.size() / 3;
-  for (size_t i = 0; i < image_.size(); ++i) {
-    const uint32_t divisor = std::max(static_cast<uint16_t>(image_[i] - dark(i)), kMinRest);
-    unit_reciprocal_[i % 3 * n_pixels + i / 3] =
-        static_cast<int16_t>(std::min(((uint32_t{1} << 24) + divisor / 2) / divisor, kMaxReciprocal));
-  }
+  find_unit_reciprocals();
+  has_image_ = true;
   std::fill(factor_.begin(), factor_.end(), kUnitGain);
   set_gain(unit_gain());
+}
+
+void Rest::find_unit_reciprocals() {
+  const size_t n_pixels = image_.size() / 3;
+  for (size_t i = 0; i < image_.size(); ++i) {
+    unit_reciprocal_[i % 3 * n_pixels + i / 3] = static_cast<uint16_t>(unit_reciprocal(i));
+  }
   is_ready_ = true;
-  has_image_ = true;
+}
+
+int32_t Rest::unit_reciprocal(size_t i) const {
+  const uint32_t divisor = std::max(static_cast<uint16_t>(image_[i] - dark(i)), kMinRest);
+  return static_cast<int32_t>(std::min(((uint32_t{1} << 24) + divisor / 2) / divisor, kMaxReciprocal));
 }
 
 void Rest::set_gain(const Gain& gain) {
@@ -147,7 +155,8 @@ void Rest::take_cells(size_t channel, int y, int first_x) {
     const int64_t unlit = dark == nullptr ? 0 : std::min({dark[3 * i], image[3 * i], kMaxRest});
     const int64_t lit = std::min(image[3 * i], kMaxRest) - unlit;
     const int64_t rest8 = 8 * unlit + ((8 * lit * (gain16 >> 4) + kUnitGain / 2) >> 20);
-    const int64_t reciprocal = (int64_t{unit_reciprocal_[in_plane + i]} * (inverse16 >> 4) + (1 << 13)) >> 14;
+    const int64_t unit = is_ready_ ? unit_reciprocal_[in_plane + i] : unit_reciprocal(3 * (at + i) + channel);
+    const int64_t reciprocal = (unit * (inverse16 >> 4) + (1 << 13)) >> 14;
     planes8_[in_plane + i] = static_cast<int16_t>(std::min(rest8, kMax16));
     reciprocal_[in_plane + i] = static_cast<int16_t>(std::min(reciprocal, kMax16));
     gain16 += gain_step;

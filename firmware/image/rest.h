@@ -74,6 +74,9 @@ class Rest {
   void find_node_gains();
   void take_rows(int from, int to);
   void take_cells(size_t channel, int y, int first_x);
+  void find_unit_reciprocals();
+  // Of a value of the image.
+  [[nodiscard]] int32_t unit_reciprocal(size_t i) const;
   [[nodiscard]] uint16_t dark(size_t i) const { return dark_.empty() ? uint16_t{0} : std::min(dark_[i], image_[i]); }
 
   int width_px_;
@@ -83,12 +86,12 @@ class Rest {
   int n_added_ = 0;
   bool is_ready_ = false;
   bool has_image_ = false;  // remains set while another image is learned
-  std::vector<uint16_t> sum_;
   std::vector<uint16_t> image_;
   std::vector<uint16_t> dark_;    // at most the image; empty: 0
   std::vector<int16_t> planes8_;  // 8 times the rest image
   std::vector<int16_t> reciprocal_;
-  std::vector<int16_t> unit_reciprocal_;  // at gain 1
+  // At gain 1, planes like the others; while an image is learned its room holds the sums of the frames, interleaved
+  std::vector<uint16_t> unit_reciprocal_;
   GridSize nodes_;
   Gain gain_ = unit_gain();
   std::vector<int32_t> factor_;

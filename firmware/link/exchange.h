@@ -49,11 +49,11 @@ struct LastFrame {
 };
 static_assert(std::atomic<PathTally>::is_always_lock_free);
 
-// Room for the messages of about four frames; the largest of them is the picture.
+// Room for the messages of two frames; the largest of them is the picture.
 inline size_t telemetry_ring_bytes(const BoardSettings& board) {
   constexpr size_t kLeast = size_t{1} << 20;
   const auto n_pixels = static_cast<size_t>(board.camera.width_px) * static_cast<size_t>(board.camera.height_px);
-  return std::clamp(std::bit_ceil(4 * 3 * n_pixels), kLeast, kTelemetryRingBytes);
+  return std::clamp(std::bit_ceil(2 * 3 * n_pixels), kLeast, kTelemetryRingBytes);
 }
 
 struct Exchange {

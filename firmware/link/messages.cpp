@@ -18,6 +18,34 @@ bool write_span(pb_ostream_t* stream, const pb_field_t* field, void* const* arg)
   return pb_encode_tag_for_field(stream, field) && pb_encode_string(stream, bytes.data(), bytes.size());
 }
 
+// Every step-th pixel of every step-th row.
+struct Thinned {
+  const FrameView* frame = nullptr;
+  int step = 1;
+  std::span<uint8_t> row;  // room for one row of the result
+
+  [[nodiscard]] int width() const { return frame->width / step; }
+  [[nodiscard]] int height() const { return frame->height / step; }
+};
+
+// Written from where the picture lies, row by row: a copy of it would be as large as all else that is encoded.
+bool write_picture(pb_ostream_t* stream, const pb_field_t* field, void* const* arg) {
+  const auto& picture = *static_cast<const Thinned*>(*arg);
+  const size_t n_row = static_cast<size_t>(picture.width()) * 3;
+  if (!pb_encode_tag_for_field(stream, field)) return false;
+  if (!pb_encode_varint(stream, n_row * static_cast<size_t>(picture.height()))) return false;
+  for (int y = 0; y < picture.height(); ++y) {
+    const uint8_t* pixels = picture.frame->row(y * picture.step);
+    if (picture.step > 1) {
+      auto out = picture.row.begin();
+      for (int x = 0; x < picture.width(); ++x) out = std::copy_n(pixels + ptrdiff_t{3} * x * picture.step, 3, out);
+      pixels = picture.row.data();
+    }
+    if (!pb_write(stream, pixels, n_row)) return false;
+  }
+  return true;
+}
+
 ruffini_Stamp to_proto(const FrameStamp& stamp, uint32_t flags) {
   return {.capture_us = stamp.capture_us, .frame = stamp.frame, .flags = flags, .calibration_id = stamp.calibration_id};
 }
@@ -47,21 +75,55 @@ MessageEncoder::MessageEncoder(const FramePath& path, uint8_t sensor) : sensor_(
   const auto n_depth = static_cast<size_t>(path.state().depth.grid.count());
   const size_t n_values = std::max(
       {3 * n_nodes, n_depth, 2 * path.markers().size(), 2 * path.targets().size(), path.state().features.value.size()});
-  const auto n_image = static_cast<size_t>(path.board().camera.width_px * path.board().camera.height_px) * 3;
+  const auto n_row = static_cast<size_t>(path.board().camera.width_px) * 3;
   values_.resize(n_values);
-  dense_[0].resize(std::max(dense_bound(n_values), n_image));
+  row_.resize(n_row);
+  dense_[0].resize(dense_bound(n_values));
   dense_[1].resize(dense_bound(3 * n_nodes));
   dense_[2].resize(dense_bound(n_nodes));
   dense_[3].resize(dense_bound(3 * n_nodes));
-  size_t n_payload = kMessageOverhead;
-  for (const std::vector<uint8_t>& part : dense_) n_payload += part.size();
-  payload_.resize(n_payload);
-  frames_.resize(frames_bound(payload_.size()));
+  size_t n_dense = 0;
+  for (const std::vector<uint8_t>& part : dense_) n_dense += part.size();
+  const size_t n_picture = n_row * static_cast<size_t>(path.board().camera.height_px);
+  frames_.resize(frames_bound(kMessageOverhead + std::max(n_dense, n_picture)));
 }
 
+// Frames as they fill: the whole message, which may be a picture, is never stored beside them.
 size_t MessageEncoder::serialise(const pb_msgdesc_t* fields, const void* message) {
-  pb_ostream_t stream = pb_ostream_from_buffer(payload_.data(), payload_.size());
-  return pb_encode(&stream, fields, message) ? stream.bytes_written : 0;
+  header_.sequence = sequence_++;  // also of a message that cannot be sent, so that the host counts the gap
+  size_t n_message = 0;
+  if (!pb_get_encoded_size(&n_message, fields, message) || n_message == 0) return 0;
+  const size_t n_fragments = (n_message + kMaxPayloadBytes - 1) / kMaxPayloadBytes;
+  if (n_fragments > kMaxFragments || frames_bound(n_message) > frames_.size()) return 0;
+  header_.n_fragments = static_cast<uint8_t>(n_fragments);
+  n_part_ = n_frames_ = 0;
+  pb_ostream_t stream = PB_OSTREAM_SIZING;
+  stream.callback = [](pb_ostream_t* s, const pb_byte_t* bytes, size_t n) {
+    static_cast<MessageEncoder*>(s->state)->take({bytes, n});
+    return true;
+  };
+  stream.state = this;
+  stream.max_size = n_message;
+  if (!pb_encode(&stream, fields, message)) return 0;
+  if (n_part_ > 0) write_part();
+  return n_frames_;
+}
+
+void MessageEncoder::take(std::span<const uint8_t> bytes) {
+  while (!bytes.empty()) {
+    const size_t n = std::min(bytes.size(), part_.size() - n_part_);
+    std::copy_n(bytes.begin(), n, part_.begin() + static_cast<ptrdiff_t>(n_part_));
+    n_part_ += n;
+    bytes = bytes.subspan(n);
+    if (n_part_ == part_.size()) write_part();
+  }
+}
+
+void MessageEncoder::write_part() {
+  n_frames_ += encode_frame(header_, {part_.data(), n_part_},
+                            std::span<uint8_t, kMaxFrameBytes>(frames_.data() + n_frames_, kMaxFrameBytes));
+  ++header_.fragment;
+  n_part_ = 0;
 }
 
 // Packs values_ (size.count() x n_components) and sets `out` to the bytes.
@@ -269,25 +331,20 @@ size_t MessageEncoder::image(const FrameView& frame, const FramePath& path, cons
   m.stamp = to_proto(stamp, path.state().flags);
   m.format = ruffini_Image_Format_FORMAT_BGR8;
   // Decimated until it fits one message.
-  int step = 1;
-  const auto n_bytes = [&] { return static_cast<size_t>((frame.width / step) * (frame.height / step)) * 3; };
-  while (n_bytes() + kMessageOverhead > kMaxFragments * kMaxPayloadBytes) ++step;
-  m.width_px = static_cast<uint32_t>(frame.width / step);
-  m.height_px = static_cast<uint32_t>(frame.height / step);
-  m.step_px = static_cast<uint32_t>(step);
-  auto out = dense_[0].begin();
-  for (int y = 0; y < frame.height / step; ++y) {
-    for (int x = 0; x < frame.width / step; ++x)
-      out = std::copy_n(frame.row(y * step) + ptrdiff_t{3} * x * step, 3, out);
-  }
-  span_[0] = {dense_[0].data(), n_bytes()};
-  m.data.funcs.encode = write_span;
-  m.data.arg = &span_[0];
+  Thinned picture{.frame = &frame, .row = row_};
+  const auto n_bytes = [&] { return static_cast<size_t>(picture.width() * picture.height()) * 3; };
+  while (n_bytes() + kMessageOverhead > kMaxFragments * kMaxPayloadBytes) ++picture.step;
+  m.width_px = static_cast<uint32_t>(picture.width());
+  m.height_px = static_cast<uint32_t>(picture.height());
+  m.step_px = static_cast<uint32_t>(picture.step);
+  m.data.funcs.encode = write_picture;
+  m.data.arg = &picture;
   return serialise(ruffini_Image_fields, &m);
 }
 
 void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, const FrameView& frame,
                             const FrameStamp& stamp, const Sink& sink) {
+  header_ = {.flags = stamp.flags, .type = static_cast<uint8_t>(type), .sensor = sensor_};
   size_t n = 0;
   switch (type) {
     case ruffini_MessageType_MESSAGE_TYPE_WRENCH:
@@ -317,15 +374,7 @@ void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, con
     default:
       return;
   }
-  send(type, n, stamp.flags, sink);
-}
-
-void MessageEncoder::send(ruffini_MessageType type, size_t n_payload, uint8_t flags, const Sink& sink) {
-  // A message that cannot be sent still takes a number, so that the host counts the gap
-  const uint32_t sequence = sequence_++;
-  if (n_payload == 0) return;
-  const size_t n_bytes = write_frames(type, flags, sensor_, sequence, {payload_.data(), n_payload}, frames_);
-  if (n_bytes > 0) sink(type, {frames_.data(), n_bytes});
+  if (n > 0) sink(type, {frames_.data(), n});
 }
 
 void MessageEncoder::encode(const LearnedResult& result, std::span<const std::string> names, uint8_t flags,
@@ -344,7 +393,9 @@ void MessageEncoder::encode(const LearnedResult& result, std::span<const std::st
   m.took_us = result.took_us;
   m.latency_us = result.latency_us;
   m.period_us = result.period_us;
-  send(ruffini_MessageType_MESSAGE_TYPE_LEARNED, serialise(ruffini_Learned_fields, &m), flags, sink);
+  header_ = {.flags = flags, .type = ruffini_MessageType_MESSAGE_TYPE_LEARNED, .sensor = sensor_};
+  const size_t n = serialise(ruffini_Learned_fields, &m);
+  if (n > 0) sink(ruffini_MessageType_MESSAGE_TYPE_LEARNED, {frames_.data(), n});
 }
 
 }  // namespace ruffini

@@ -48,8 +48,10 @@ class MessageEncoder {
   size_t features(const FramePath& path, const FrameStamp& stamp);
   size_t targets(const FramePath& path, const FrameStamp& stamp);
   size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);
-  void send(ruffini_MessageType type, size_t n_payload, uint8_t flags, const Sink& sink);
+  // Returns the bytes of the frames in frames_, 0 if the message cannot be sent.
   size_t serialise(const pb_msgdesc_t* fields, const void* message);
+  void take(std::span<const uint8_t> bytes);
+  void write_part();
   // `part`: index of the dense part within the message.
   void pack(ruffini_Dense& out, GridSize size, size_t n_components, size_t part);
 
@@ -58,9 +60,13 @@ class MessageEncoder {
   std::vector<int32_t> values_;
   static constexpr size_t kMaxParts = 4;                  // dense parts of one message
   std::array<std::vector<uint8_t>, kMaxParts> dense_;     // their packed bytes
+  std::vector<uint8_t> row_;                              // of a picture of which only every n-th pixel is sent
   std::array<std::span<const uint8_t>, kMaxParts> span_;  // source of the nanopb callbacks
-  std::vector<uint8_t> payload_;                          // serialized message
-  std::vector<uint8_t> frames_;                           // its frames
+  FrameHeader header_;                                    // of the frame that is filled
+  std::array<uint8_t, kMaxPayloadBytes> part_{};          // its part of the message
+  size_t n_part_ = 0;
+  std::vector<uint8_t> frames_;  // of the message
+  size_t n_frames_ = 0;          // bytes of frames_ so far
 };
 
 // Splits a serialized message into frames. Returns the number of bytes written to `out` (frames_bound(message.size())),

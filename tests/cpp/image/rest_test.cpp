@@ -72,6 +72,46 @@ TEST(Rest, WhatIsGivenUpLeavesWhatWasBefore) {
   EXPECT_EQ(rest.image()[0], 16 * 4) << "of what was given up nothing is left";
 }
 
+// The light is followed while another image is learned, with what the image in force is divided by, and after it is
+// given up.
+TEST(Rest, LearningAnotherImageChangesNothingOfTheOneInForce) {
+  constexpr int kWidth = 40;
+  constexpr int kHeight = 32;
+  std::vector<uint16_t> image(size_t{3} * kWidth * kHeight);
+  for (size_t i = 0; i < image.size(); ++i) image[i] = static_cast<uint16_t>(i * 7 % 4081);
+  const std::vector<uint16_t> dark(image.size(), 300);
+  Rest kept(kWidth, kHeight, 1);
+  Rest learning(kWidth, kHeight, 3);
+  const auto expect_same = [&](const char* when) {
+    EXPECT_TRUE(std::equal(kept.planes8().begin(), kept.planes8().end(), learning.planes8().begin())) << when;
+    EXPECT_TRUE(std::equal(kept.reciprocal().begin(), kept.reciprocal().end(), learning.reciprocal().begin())) << when;
+    EXPECT_TRUE(std::equal(kept.image().begin(), kept.image().end(), learning.image().begin())) << when;
+  };
+  for (Rest* rest : {&kept, &learning}) {
+    rest->set_dark(dark);
+    rest->load(image);
+  }
+  const std::vector<uint8_t> bright(image.size(), 255);
+  learning.restart(3);
+  EXPECT_FALSE(learning.add({bright.data(), kWidth, kHeight, 3, ptrdiff_t{3} * kWidth}));
+  for (Rest* rest : {&kept, &learning}) rest->set_gain({Rest::kUnitGain * 11 / 10, Rest::kUnitGain, 1 << 19});
+  expect_same("while it is learned");
+  std::vector<int32_t> factor(size_t{3} * static_cast<size_t>(Rest::map_nodes(kWidth, kHeight).count()));
+  for (size_t i = 0; i < factor.size(); ++i) factor[i] = Rest::kUnitGain + static_cast<int32_t>(i) * 1'000;
+  for (Rest* rest : {&kept, &learning}) {
+    rest->set_map(factor);
+    for (int i = 0; i < 8; ++i) rest->advance();
+  }
+  expect_same("half of a map");
+  learning.cancel_learning();
+  for (Rest* rest : {&kept, &learning}) {
+    for (int i = 8; i < 16; ++i) rest->advance();
+  }
+  expect_same("given up");
+  for (Rest* rest : {&kept, &learning}) rest->set_gain({Rest::kUnitGain * 9 / 10, Rest::kUnitGain, Rest::kUnitGain});
+  expect_same("after it");
+}
+
 TEST(Rest, LoadedImageIsInForceAtOnce) {
   Rest rest(2, 1, 4);
   const std::vector<uint16_t> stored = {16, 32, 48, 64, 80, 4080};

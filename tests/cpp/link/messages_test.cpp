@@ -453,6 +453,31 @@ TEST_F(MessagesTest, AnImageTravelsAsItIs) {
   EXPECT_EQ(data, picture_);
 }
 
+// All lengths from less than one part of a message to more than two.
+TEST_F(MessagesTest, AnyLengthIsSplitIntoFullPartsAndARestThatIsNotEmpty) {
+  const Bytes pixels(3 * 3'000, 7);
+  size_t n_exact = 0;
+  for (int width = 1'300; width < 2'800; ++width) {
+    std::vector<size_t> part;
+    size_t n_fragments = 0;
+    encoder_->encode(ruffini_MessageType_MESSAGE_TYPE_IMAGE, *path_, {pixels.data(), width, 1, 3, 3 * width}, kStamp,
+                     [&](ruffini_MessageType, std::span<const uint8_t> all) {
+                       for (const uint8_t byte : all) {
+                         const auto frame = decoder_.push(byte);
+                         if (!frame) continue;
+                         EXPECT_EQ(frame->header.fragment, part.size());
+                         part.push_back(frame->payload.size());
+                         n_fragments = frame->header.n_fragments;
+                       }
+                     });
+    ASSERT_EQ(part.size(), n_fragments) << width;
+    for (size_t i = 0; i + 1 < part.size(); ++i) ASSERT_EQ(part[i], kMaxPayloadBytes) << width;
+    ASSERT_GT(part.back(), 0U) << width;
+    if (part.back() == kMaxPayloadBytes) ++n_exact;
+  }
+  EXPECT_GT(n_exact, 0U) << "no message ends where a part does";
+}
+
 TEST_F(MessagesTest, TypesThatAreNotAboutAFrameAreNotEncoded) {
   for (const auto type : {ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_MessageType_MESSAGE_TYPE_STATUS,
                           ruffini_MessageType_MESSAGE_TYPE_NONE}) {
@@ -482,8 +507,14 @@ TEST_F(LargeImageTest, IsDecimatedUntilItFitsOneMessage) {
   EXPECT_EQ(image.width_px, 450U);
   EXPECT_EQ(image.height_px, 301U);
   ASSERT_EQ(data.size(), size_t{450 * 301 * 3});
-  const size_t last = 3 * (600 * 900 + 898);
-  EXPECT_EQ((Bytes{data.end() - 3, data.end()}), (Bytes{&picture_[last], &picture_[last] + 3}));
+  Bytes expected;
+  for (size_t y = 0; y < 602; y += 2) {
+    for (size_t x = 0; x < 900; x += 2) {
+      const auto pixel = picture_.begin() + static_cast<ptrdiff_t>(3 * (y * 900 + x));
+      expected.insert(expected.end(), pixel, pixel + 3);
+    }
+  }
+  EXPECT_EQ(data, expected);
 }
 
 TEST(WriteFrames, AMessageOfMoreThan255FragmentsIsNotWritten) {
