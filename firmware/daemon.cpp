@@ -10,7 +10,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spare; another with a second frame thread
+constexpr int kBuffers = 3;  // one captured, one posted, one processed; another with a second frame thread
 constexpr int kLinkPollMs = 2;
 constexpr uint64_t kBoardHealthUs = 1'000'000;  // interval of reading the board's health
 constexpr uint64_t kDrainUs = 20'000'000;       // for a reader that accepts nothing after a recording's end

@@ -64,14 +64,14 @@ def certify(
     )
 
 
-def probed_error(program: Program, matrix: Array, samples: Array | None, n_rows: int) -> float:
-    """The larger of `total` and `samples` of the certificate, from about `n_rows` of all rows only."""
+def probed_error(program: Program, matrix: Array, samples: Array | None, n_rows: int) -> tuple[float, float]:
+    """`total` and `samples` of the certificate, from about `n_rows` of all rows only."""
     step = max(len(matrix) // n_rows, 1)
     rows = slice(0, len(matrix), step + (step % 3 == 0))  # all three axes among them
     wanted = matrix[rows]
     difference = effective_rows(program, rows, matrix.shape[1]) - wanted
-    error = _relative(difference, wanted)
-    return error if samples is None else max(error, _relative(difference @ samples, wanted @ samples))
+    on_samples = 0.0 if samples is None else _relative(difference @ samples, wanted @ samples)
+    return _relative(difference, wanted), on_samples
 
 
 def _relative(error: Array, size: Array) -> float:

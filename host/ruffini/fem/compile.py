@@ -60,6 +60,11 @@ class Job:
     what: str
     max_error: float
     samples: Array | None
+    max_sample_error: float
+
+    def excess(self, total: float, on_samples: float) -> float:
+        """The larger of both errors over what is allowed; above 1 is too much."""
+        return max(total / self.max_error, on_samples / self.max_sample_error)
 
 
 def force_steps(force_lsb_un: int) -> float:
@@ -76,6 +81,7 @@ def compile_matrix(
     max_error: float = 1e-3,
     max_bytes: int | None = None,
     samples: Array | None = None,
+    max_sample_error: float | None = None,
     reflect: bool = True,
     shapes: tuple[Shape, ...] = SHAPES,
     progress: Progress = lambda _: None,
@@ -85,11 +91,13 @@ def compile_matrix(
     Parameters
     ----------
     max_error : float
-        Largest relative L2 error, for independent inputs and for `samples`.
+        Largest relative L2 error for independent inputs.
     max_bytes : int or None
         Room that the board has for this program.
     samples : (n_cols, n) float64 or None
-        Inputs as they really come, to judge the error on.
+        Inputs as they really come, to judge the error on, too.
+    max_sample_error : float or None
+        Largest relative L2 error for `samples`; None: `max_error`.
     reflect : bool
         Use reflections. Not for a matrix of which the board multiplies small parts only.
     shapes : tuple of Shape
@@ -105,7 +113,7 @@ def compile_matrix(
         raise InputError(f"{what} is not a finite, non-zero matrix: nothing to compile")
     if matrix.shape != (len(rows), len(columns)):
         raise InputError(f"{what} is {matrix.shape}, its sites are {(len(rows), len(columns))}")
-    job = Job(matrix, rows, columns, what, max_error, samples)
+    job = Job(matrix, rows, columns, what, max_error, samples, max_sample_error or max_error)
     classes = reflection_classes(matrix, rows, columns, use=reflect)
     suffix = f"/{len(classes)}" if len(classes) > 1 else ""
     compiled = None
@@ -118,11 +126,12 @@ def compile_matrix(
         plan = dense_plan(classes, rows, columns)
         program = quantise(plan, what)
         compiled = Compiled(program, certify(program, matrix, rows.axis, samples), f"dense{suffix}")
-    error = max(compiled.certificate.total, compiled.certificate.samples)
-    if error > max_error:
-        raise InputError(
-            f"rounding {what} to 15 bits costs {error:.1e} (relative L2), more than {max_error:.1e}: allow more error"
-        )
+    proof = compiled.certificate
+    for error, allowed in ((proof.total, job.max_error), (proof.samples, job.max_sample_error)):
+        if error > allowed:
+            raise InputError(
+                f"rounding {what} to 15 bits costs {error:.1e} (relative L2), more than {allowed:.1e}: allow more error"
+            )
     if max_bytes is not None and compiled.program.n_bytes > max_bytes:
         raise InputError(
             f"{what} takes {compiled.program.n_bytes / 1e6:.1f} MB as {compiled.form}, more than the "
@@ -188,13 +197,13 @@ def _hierarchical(job: Job, classes: list[Sorted], form: str) -> Compiled | None
         if plan is None:
             return None
         program = quantise(plan, job.what)
-        error = probed_error(program, job.matrix, job.samples, PROBED_ROWS)
-        if error <= job.max_error:
+        excess = job.excess(*probed_error(program, job.matrix, job.samples, PROBED_ROWS))
+        if excess <= 1:
             proof = certify(program, job.matrix, job.rows.axis, job.samples)
-            error = max(proof.total, proof.samples)
-        if error <= job.max_error:
+            excess = job.excess(proof.total, proof.samples)
+        if excess <= 1:
             return Compiled(program, proof, f"{form} levels {len(plan.sizes) // 2}")
-        share *= min(0.8 * job.max_error / error, 0.7)
+        share *= min(0.8 / excess, 0.7)
     return None
 
 

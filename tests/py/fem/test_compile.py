@@ -134,6 +134,30 @@ def test_samples_are_judged_as_they_come(raw):
         compile_matrix(raw, sites, sites, "the operator", samples=right[-1:].T)
 
 
+def test_samples_may_be_allowed_to_cost_more(raw):
+    sites = slab_sites(SLAB)
+    _, _, right = np.linalg.svd(raw)
+    compiled = compile_matrix(raw, sites, sites, "the operator", samples=right[-1:].T, max_sample_error=0.5)
+    assert compiled.certificate.total <= 1e-3 < compiled.certificate.samples
+    with pytest.raises(InputError, match=r"costs .* more than 2\.0e-03"):
+        compile_matrix(raw, sites, sites, "the operator", samples=right[-1:].T, max_sample_error=2e-3)
+
+
+def test_a_hierarchy_that_may_err_more_on_samples_reads_less():
+    """Samples that the matrix makes small: the threshold that independent inputs allow costs them much more."""
+    rows, columns = scattered(1100, 1), scattered(1300, 2)
+    matrix = kernel(rows, columns)
+    _, gain, right = np.linalg.svd(matrix)
+    small = right[np.flatnonzero(gain < 0.003 * gain[0])[:1]].T
+    free = compile_matrix(matrix, rows, columns, "test")
+    loose = compile_matrix(matrix, rows, columns, "test", samples=small, max_sample_error=1.0)
+    strict = compile_matrix(matrix, rows, columns, "test", samples=small, max_sample_error=0.003)
+    assert loose.n_entries == free.n_entries
+    assert loose.certificate.samples > 10 * loose.certificate.total
+    assert strict.certificate.samples <= 0.003
+    assert strict.n_entries > 1.05 * loose.n_entries
+
+
 def test_a_hierarchy_reads_less_and_an_error_it_cannot_meet_is_dense():
     rows, columns = scattered(1100, 1), scattered(1300, 2)
     matrix = kernel(rows, columns)

@@ -17,9 +17,10 @@ from ruffini.estimators.operator.depth_gauge import DepthGauge, fit_depth_gauge
 from ruffini.estimators.operator.error_model import ErrorModel, Estimate, error_tensors, fit_error_model
 from ruffini.estimators.operator.marker_depth import MarkerDepth, fit_marker_depth
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
-from ruffini.fem.compile import Compiled, compile_matrix, force_steps
+from ruffini.fem.compile import SHAPES, Compiled, compile_matrix, force_steps
 from ruffini.fem.condense import CondensedSlab, condense, surface_stiffness
 from ruffini.fem.finite_strain import FiniteStrain, error_growth, finite_strain
+from ruffini.fem.hierarchy import Shape
 from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
@@ -37,6 +38,20 @@ FRACTION_Q14 = 1 << 14
 MAX_ERROR = 1e-3  # of the operator in integers, relative, on independent displacements and on touches
 N_SAMPLES = 24
 SCALE_Q16 = 1 << 16
+
+
+class Precision(NamedTuple):
+    """Relative errors that integers may cost: of any program, and of the operator on touches."""
+
+    any: float = MAX_ERROR
+    on_touches: float = MAX_ERROR
+    operator_shapes: tuple[Shape, ...] = SHAPES
+
+
+# With so many observed nodes the tables leave the processor's cache and fill half of the memory that the smallest board
+# has for them. What they may err by then is a thirtieth of what the second pass leaves (DESIGN.md).
+MANY_NODES = 1500
+MANY_NODES_PRECISION = Precision(4e-3, 1.5e-2, (Shape(128, 1, 0.5),))
 LARGEST_STIFFNESS_SIGMA_1E6 = 500_000
 SPREAD_SIGMAS = 4.0  # of the spread that noise of the operator's standard deviation makes
 LARGEST_SPREAD = 1 << 23
@@ -191,9 +206,11 @@ def _made(
     sites = observed_sites(board)
     room = board.calibration_bytes
     samples = touch_samples(sites)
+    precision = MANY_NODES_PRECISION if has_support and len(sites) >= 3 * MANY_NODES else Precision()
     compiled = compile_matrix(
-        in_steps, sites, sites, "the operator", max_error=MAX_ERROR, max_bytes=room, samples=samples
-    )
+        in_steps, sites, sites, "the operator", max_error=precision.any, max_bytes=room, samples=samples,
+        max_sample_error=precision.on_touches, shapes=precision.operator_shapes,
+    )  # fmt: skip
     room -= compiled.program.n_bytes
     proof = compiled.certificate
     rows, columns = board.observed
@@ -220,7 +237,7 @@ def _made(
         condensed = condense(slab)
         system = support_system(condensed, noise, observed_unknowns(board), matrix)
         progress(0.6)
-        _add_support(tensors, metadata, system, lsb, sites, room)
+        _add_support(tensors, metadata, system, lsb, sites, room, precision.any)
         tensors |= _spread_tensors(board, condensed, noise, lsb)
     if is_finite:
         beyond = finite_strain(slab, (rows.stop - rows.start, columns.stop - columns.start))
@@ -302,12 +319,17 @@ def _spread_tensors(board: Board, condensed: CondensedSlab, noise: Noise, force_
 
 
 def _add_support(
-    tensors: Tensors, metadata: dict[str, str], system: SupportSystem, force_lsb_un: int, sites: Sites, room: int
-) -> None:
-    normal = compile_matrix(system.normal * NORMAL_SCALE, sites, sites, "the normal equations", max_bytes=room)
+    tensors: Tensors, metadata: dict[str, str], system: SupportSystem, force_lsb_un: int, sites: Sites, room: int,
+    max_error: float,
+) -> None:  # fmt: skip
+    normal = compile_matrix(
+        system.normal * NORMAL_SCALE, sites, sites, "the normal equations", max_error=max_error, max_bytes=room
+    )
     room -= normal.program.n_bytes
-    step_m = DISPLACEMENT_LSB_NM * 1e-9
-    project = compile_matrix(system.project * (step_m * FRACTION_Q14), sites, sites, "the projection", max_bytes=room)
+    project = compile_matrix(
+        system.project * (DISPLACEMENT_LSB_NM * 1e-9 * FRACTION_Q14), sites, sites, "the projection",
+        max_error=max_error, max_bytes=room,
+    )  # fmt: skip
     _add(tensors, metadata, "support.normal", normal)
     _add(tensors, metadata, "support.project", project)
     scale = np.round(system.scale_n / (force_lsb_un * 1e-6) * SCALE_Q16)
