@@ -119,11 +119,11 @@ TSAN = -DCMAKE_CXX_FLAGS='-fsanitize=thread $(SANITIZE_FLAGS)' -DCMAKE_CXX_FLAGS
 SHARDS := 0 1
 sanitize: setup  ## C++ tests under ASan + UBSan, then those with threads under TSan
 	@$(call compile,$(BUILD)/asan,$(ASAN),ruffini_tests ruffini_device_tests ruffini_capture_tests)
-	@$(call compile,$(BUILD)/tsan,$(TSAN),ruffini_device_tests ruffini_two_cores_test)
+	@$(call compile,$(BUILD)/tsan,$(TSAN),ruffini_thread_tests ruffini_two_cores_test)
 	@.ci/at-once $(JOBS) \
 	  $(foreach i,$(SHARDS),'RUFFINI_CRASH_STEP=64 GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) $(BUILD)/asan/ruffini_device_tests --gtest_brief=1') \
-	  $(foreach i,$(SHARDS),'GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) $(BUILD)/tsan/ruffini_device_tests --gtest_filter=-CrashStates.* --gtest_brief=1') \
 	  '$(BUILD)/tsan/ruffini_two_cores_test --gtest_brief=1' \
+	  '$(BUILD)/tsan/ruffini_thread_tests --gtest_brief=1' \
 	  '$(BUILD)/asan/ruffini_tests --gtest_brief=1' \
 	  'ASAN_OPTIONS=detect_leaks=0 LD_LIBRARY_PATH=$(BUILD)/asan $(BUILD)/asan/ruffini_capture_tests --gtest_brief=1'  # dlopen under ASan heeds no RUNPATH
 

@@ -58,6 +58,16 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         "tests/cpp/b_test.cpp is compiled by no target",
     ),
     (
+        tree_gates.thread_tests,
+        {
+            "CMakeLists.txt": "add_executable(ruffini_device_tests\n  tests/cpp/a_test.cpp\n  tests/cpp/b_test.cpp)\n",
+            "tests/cpp/a_test.cpp": "std::this_thread::yield();\n",
+            "tests/cpp/b_test.cpp": '#include "hw/b.h"\n',
+            "firmware/hw/b.cpp": "std::thread worker;\n",
+        },
+        "tests/cpp/b_test.cpp has threads",
+    ),
+    (
         tree_gates.shared_module_names,
         {"tests/bench/run.py": "", "tests/hostile/run.py": ""},
         "tests/hostile/run.py and tests/bench/run.py are one module",

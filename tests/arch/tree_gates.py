@@ -214,6 +214,22 @@ def unbuilt_tests(root: Path) -> list[str]:
     ]
 
 
+def thread_tests(root: Path) -> list[str]:
+    """Under TSan run the device tests that CMakeLists.txt names in THREAD_TESTS: all in which threads run."""
+    lists = root / "CMakeLists.txt"
+    built = _text(lists) if lists.is_file() else ""
+    others = re.search(r"add_executable\(ruffini_device_tests\s([^)]*)\)", built)
+    found = []
+    for name in re.findall(r"tests/cpp/\S+", others[1] if others else ""):
+        test = _text(root / name)
+        headers = re.findall(r'^#include "([^"]+)\.h"', test, re.M)
+        own = [root / "firmware" / (header + suffix) for header in headers for suffix in (".h", ".cpp")]
+        texts = [test, *(_text(path) for path in own if path.is_file())]
+        if any(re.search(r"\bstd::(j?thread|async)\b", text) for text in texts):
+            found.append(f"{name} has threads: name it in THREAD_TESTS of CMakeLists.txt")
+    return found
+
+
 def shared_module_names(root: Path) -> list[str]:
     """Scripts import their neighbours by file name: of two files of one name, a process sees what it loads first."""
     first: dict[str, str] = {}
