@@ -126,17 +126,16 @@ sanitize: setup  ## C++ tests under ASan + UBSan, then those with threads under 
 	@$(call compile,$(BUILD)/tsan,$(TSAN),ruffini_thread_tests ruffini_two_cores_test)
 	@.ci/at-once $(JOBS) \
 	  $(foreach i,$(SHARDS),'RUFFINI_CRASH_STEP=64 GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) $(BUILD)/clang/ruffini_device_tests --gtest_brief=1') \
+	  $(foreach i,$(SHARDS),'GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) $(BUILD)/clang/ruffini_tests --gtest_brief=1') \
 	  '$(BUILD)/tsan/ruffini_two_cores_test --gtest_brief=1' \
 	  '$(BUILD)/tsan/ruffini_thread_tests --gtest_brief=1' \
-	  '$(BUILD)/clang/ruffini_tests --gtest_brief=1' \
 	  'ASAN_OPTIONS=detect_leaks=0 LD_LIBRARY_PATH=$(BUILD)/clang $(BUILD)/clang/ruffini_capture_tests --gtest_brief=1'  # dlopen under ASan heeds no RUNPATH
 
 MUTATIONS ?= 1000000
 fuzz: build  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the session and to both sides' decoders, FUZZ_S seconds for each parser; LEDGER=1 counts them
 	@.ci/setup lint
 	@$(call compile,$(BUILD)/clang,$(ASAN),ruffini_fuzz_session ruffini_fuzz_targets)
-	@$(BUILD)/clang/ruffini_fuzz_session proto/vectors/frames.txt $(MUTATIONS)
-	@$(PYTHON) tests/fuzz/differential.py $(MUTATIONS)
+	@.ci/at-once $(JOBS) '$(BUILD)/clang/ruffini_fuzz_session proto/vectors/frames.txt $(MUTATIONS)' '$(PYTHON) tests/fuzz/differential.py $(MUTATIONS)'
 	@LEDGER='$(LEDGER)' .ci/fuzz-parsers $(BUILD) $(FUZZ_S) $(FUZZ_FAST_S)
 
 coverage: build  ## branches of framing, session, store and fixed point that their tests take, with a floor for each file
