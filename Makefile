@@ -204,8 +204,8 @@ profile: build  ## instructions, loads and cache lines of every stage on 64-bit 
 PI_CORES := cortex-a53 cortex-a72 cortex-a76
 aarch64: build  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu as a Pi 3, 4 and 5's core
 	@.ci/setup aarch64
-	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_tests)
-	@.ci/at-once $(JOBS) $(foreach core,$(PI_CORES),$(foreach i,$(SHARDS),'echo $(core); GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) \
+	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF -DRUFFINI_TEST_OPTIONS=-O1,ruffini_tests)
+	@.ci/at-once $(JOBS) $(foreach core,$(PI_CORES),$(foreach i,0 1 2 3,'echo $(core); GTEST_TOTAL_SHARDS=4 GTEST_SHARD_INDEX=$(i) \
 	  qemu-aarch64 -cpu $(core) -L /usr/aarch64-linux-gnu $(BUILD)/aarch64/ruffini_tests --gtest_brief=1'))
 
 wheel: setup  ## the host tool as a wheel for this machine's kind of Linux, glibc 2.31 or newer
