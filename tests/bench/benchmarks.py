@@ -140,9 +140,10 @@ def make_data(board: Board, folder: Path, kind: OperatorKind) -> None:
     write(folder / "calibration.safetensors", pack(tables, {**base_metadata(board), **kind.metadata}))
 
 
-def run_kernels(binary: Path, folder: Path) -> dict[str, dict[str, Any]]:
-    """google-benchmark's results by name."""
+def run_kernels(binary: Path, folder: Path, only: str = "") -> dict[str, dict[str, Any]]:
+    """google-benchmark's results by name; `only`: of the benchmark of this name."""
     command = [str(binary), f"--data={folder}", "--benchmark_format=json"]
+    command += [f"--benchmark_filter=^{only}$"] if only else []
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(f"{binary} failed: {done.stderr.strip()}")

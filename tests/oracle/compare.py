@@ -20,7 +20,7 @@ from ruffini.bench.ifem import Methods, evaluate
 from ruffini.bench.states import State, make_states
 from ruffini.boards import Board
 from ruffini.errors import InputError
-from ruffini.sim.settings import load_twin
+from ruffini.sim.settings import MeshSettings, load_twin
 
 Array = npt.NDArray[np.float64]
 
@@ -29,6 +29,7 @@ KEPT_M, KEPT_N = 1e-7, 1e-5  # steps of a kept state
 # Relative L2 along the surface and along z; sticking points chatter (0.005, 0.001), the solver's versions differ.
 AGAIN_SHARES = (0.05, 0.01)
 N_SEEDS = 3
+SHARP_MM = 1.0  # an edge of a smaller radius
 MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector in the plane y = 0
 
 
@@ -206,9 +207,18 @@ def solved_again(before: list[Solved], after: list[Solved]) -> str | None:
     return None
 
 
+def twin_mesh(press: Press) -> MeshSettings | None:
+    """The twin's mesh for a press; None: its own, whose elements are wider than a sharp edge is round.
+
+    Twice as many elements across it: the edges here lie along y.
+    """
+    return MeshSettings(cells_x=48) if min(touch.radius for touch in press.recipe.touches) < SHARP_MM else None
+
+
 def twin_state(board: Board, one: Solved) -> State:
     """The same press on our own neo-Hookean pad at finite strain."""
-    return make_states(board, (one.state.recipe,), (one.state.depth_mm,), truth="finite")[0]
+    state = one.state
+    return make_states(board, (state.recipe,), (state.depth_mm,), truth="finite", mesh=twin_mesh(one.press))[0]
 
 
 def beside(one: Solved, twin: State) -> dict[str, float]:

@@ -15,12 +15,14 @@ from kept import kept
 
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import Scores
-from ruffini.boards import find_board
+from ruffini.bench.states import Recipe, Touch, make_states
+from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.estimators.operator.fit import make_operator
 from ruffini.estimators.operator.gauge import USUAL
 from ruffini.fem.operators import Noise
+from ruffini.sim.settings import MeshSettings, load_twin
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 import oracle
@@ -36,6 +38,7 @@ from compare import (
     solve_press,
     solved_again,
     state_of,
+    twin_state,
 )  # fmt: skip
 from deck import SETTLED_CONTACT, Pad, Place, write_deck
 from mesh import HALF_STEPS, PadMesh, graded, punch, sheet
@@ -358,6 +361,31 @@ def test_a_solution_unlike_the_kept_one_is_told() -> None:
     sheared = before[2].state.force * [1.1, 1.1, 1]
     after = [*before[:2], replace(before[2], state=replace(before[2].state, force=sheared))]
     assert solved_again(before, after) == "ball 1 mm: the force along the surface differs by 10.0 % from the kept one"
+
+
+def test_the_twin_has_twice_the_elements_under_a_sharp_edge(monkeypatch: pytest.MonkeyPatch) -> None:
+    board, meshes = find_board("gelslim"), {}
+
+    def pressed(_: Board, recipes: tuple[Recipe, ...], __: object, **given: object) -> list[None]:
+        meshes[recipes[0].name] = given["mesh"]
+        return [None]
+
+    monkeypatch.setattr("compare.make_states", pressed)
+    for press in PRESSES[:4]:
+        twin_state(board, (kept_press(KEPT / "presses.npz", board, press) or [])[0])
+    assert meshes["ball"] is meshes["flat"] is meshes["cylinder"] is None
+    assert meshes["edge"].cells_x == 2 * load_twin(board).mesh.cells_x
+    assert meshes["edge"].cells_y == load_twin(board).mesh.cells_y
+
+
+def test_another_mesh_of_the_twin_solves_other_states() -> None:
+    """A coarser one, whose field is another and whose force is nearly the same."""
+    board, recipe = find_board("gelslim"), Recipe("ball", (Touch("sphere", 6.0, 0.3, 0.2),))
+    coarse, usual = (
+        make_states(board, (recipe,), (0.3,), mesh=mesh)[0] for mesh in (MeshSettings(cells_x=18, cells_y=14), None)
+    )
+    assert not np.allclose(coarse.force, usual.force, rtol=0.01)
+    assert coarse.resultant_n == pytest.approx(usual.resultant_n, rel=0.3)
 
 
 def test_a_press_that_is_solved_again_must_be_the_kept_one(

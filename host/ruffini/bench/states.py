@@ -18,7 +18,7 @@ from ruffini.estimators.operator.marker_lattice import marker_places
 from ruffini.sim.cache import cached_state
 from ruffini.sim.contact import ContactSolver, Indenter, Pose, advance_together
 from ruffini.sim.response import Response
-from ruffini.sim.settings import Strain, load_twin
+from ruffini.sim.settings import MeshSettings, Strain, load_twin
 from ruffini.sim.surface import on_grid
 from ruffini.sim.unit import PadError, TwinUnit
 
@@ -122,9 +122,12 @@ def make_states(
     error: PadError | None = None,
     *,
     truth: Strain = "linear",
+    mesh: MeshSettings | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[State]:
     """Solve every recipe at every depth. At finite strain that takes a minute a state, once: they are cached.
+
+    `mesh`: instead of the twin's own.
 
     Two indenters at once are, on a linear pad, the sum of their tractions: an exact truth for the field, if
     not exactly the balls' own shape where they disturb each other. At finite strain they go down together.
@@ -135,6 +138,7 @@ def make_states(
         The board has no twin, or an indenter does not fit its pad.
     """
     twin = load_twin(board).with_pad(strain=truth, is_relaxing=False)
+    twin = twin if mesh is None else twin.model_copy(update={"mesh": mesh})
     share = 0.5 if truth == "linear" else 0.05
     unit = TwinUnit.build(board, error, twin=twin, progress=lambda done: progress(done * share))
     states = []
