@@ -13,6 +13,7 @@ from odd_boards import small_board
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.core import Pipeline
+from ruffini.errors import InputError
 
 Picture = npt.NDArray[np.uint8]
 WIDTH, HEIGHT, N_X, N_Y = 150, 70, 8, 5
@@ -247,3 +248,40 @@ def test_a_table_without_its_parts_is_refused() -> None:
         tensors = {k: v for k, v in file.tensors.items() if k != name}
         with pytest.raises(InputError, match=name.replace(".", r"\.")):
             Pipeline(parse_board(text.encode(), "small"), pack(tensors, file.metadata).data)
+
+
+def deviations(sigma: list[list[int]] | None, kind: int) -> list[tuple[int, int, int]]:
+    """Force, its deviation (uN) and that of the place (um) of a touch that grows, on taxels of one kind."""
+    text, rng, told = skin_text(), np.random.default_rng(4), []
+    own = calibration(read_board(text), text, rng)
+    tensors = own.tensors | {"skin.taxel_kind": np.full(N_X * N_Y, kind, np.int16)}
+    if sigma is not None:
+        tensors["skin.sigma"] = np.array(sigma, np.int32)
+    rest = [picture(rng, []) for _ in range(N_REST)]
+    with Pipeline(parse_board(text.encode(), "small"), pack(tensors, own.metadata).data) as core:
+        for frame in [*rest, *(picture(rng, [(2.3, 1.6, 0.3 * t)]) for t in range(1, 12))]:
+            core.process(frame)
+            told += [(t.press_un, t.press_sigma_un, t.place_sigma_um) for t in core.touches()]
+    return told
+
+
+@pytest.mark.parametrize(("kind", "row"), [(0, (20_000, 0, 100, 0)), (2, (1, 409, 700, 250))])
+def test_a_touchs_deviations_are_those_of_its_kind_of_taxel(kind: int, row: tuple[int, int, int, int]) -> None:
+    sigma = [[20_000, 0, 100, 0], [1000, 4000, 9000, 9000], [1, 409, 700, 250]]
+    threshold = parse_board(skin_text().encode(), "small").contact.threshold_un
+    told = deviations(sigma, kind)
+    assert len(told) > 5
+    for force, of_force, of_place in told:
+        assert abs(of_force - np.hypot(row[0], force * row[1] / 4096)) <= 2  # two roundings
+        assert abs(of_place - row[2] - row[3] * threshold / max(force, threshold)) <= 1
+
+
+def test_a_file_without_kinds_of_deviations_has_one_for_all() -> None:
+    for force, of_force, _ in deviations(None, 1):
+        assert abs(of_force - np.hypot(50_000, force * 300 / 4096)) <= 2  # two roundings
+
+
+@pytest.mark.parametrize("row", [(0, 0, 1, 0), (1, 4097, 1, 0), (1, 0, 0, 0), (1, 0, 1, -1)])
+def test_deviations_out_of_range_are_refused(row: tuple[int, int, int, int]) -> None:
+    with pytest.raises(InputError, match="sigma"):
+        deviations([[1, 0, 1, 0], [1, 0, 1, 0], list(row)], 0)

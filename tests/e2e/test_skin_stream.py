@@ -13,12 +13,13 @@ from tiny_sensor import Sensor, start
 
 from ruffini.boards import find_board
 from ruffini.device import Connection
-from ruffini.estimators.skin.fit import SkinFit, taxel_file
+from ruffini.estimators.skin.fit import N_KINDS, SkinFit, taxel_file
 from ruffini.estimators.skin.gain import no_gain
 from ruffini.estimators.skin.openings import TubeView, find_openings, lattice_mm
 from ruffini.estimators.skin.places import PlaceFit
 from ruffini.estimators.skin.reach import REACH_SIZE, REACH_STEP_MM
 from ruffini.estimators.skin.response import ForceFit, layout_of
+from ruffini.estimators.skin.spread import Spread
 
 Array = npt.NDArray[np.float64]
 
@@ -56,7 +57,7 @@ def calibration() -> bytes:
     shift[:, :, 1] = 4.0
     x, y = np.meshgrid(*(np.arange(n) * REACH_STEP_MM for n in REACH_SIZE))
     reach = np.maximum(np.exp(-x / FAR_MM[0] - y / FAR_MM[1]), 0.002)
-    errors = {"light_force_rms_n": 0.1, "force_rms_percent": 5.0, "place_rms_mm": 1.0, "faint_place_rms_mm": 1.0}
+    spread = [Spread(0.13, 0.065, 1.3, 1.3)] * N_KINDS
     fit = SkinFit(
         LENS,
         openings,
@@ -66,7 +67,8 @@ def calibration() -> bytes:
         reach,
         0.3,
         2.0,
-        errors,
+        spread,
+        {},
         openings.base_q2(light),
     )
     return taxel_file(BOARD, fit).data

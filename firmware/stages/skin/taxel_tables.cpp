@@ -1,6 +1,7 @@
 #include "stages/skin/taxel_tables.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <utility>
 
@@ -16,6 +17,9 @@ constexpr int32_t kMaxGainQ16 = 1 << 18;
 constexpr int64_t kMaxKinds = 64;
 constexpr int32_t kMaxSinkQ12 = 1 << 16;
 constexpr int32_t kMaxPress = 1 << 24;
+// Of Sigma's members, in their order.
+constexpr std::array<int64_t, 4> kMinSigma = {1, 0, 1, 0};
+constexpr std::array<int64_t, 4> kMaxSigma = {100'000'000, 4096, 1'000'000, 1'000'000};
 
 Error bad(const std::string& what) {
   return {ErrorKind::kBadInput,
@@ -27,7 +31,8 @@ bool is_within(std::span<const T> values, int64_t low, int64_t high) {
   return std::all_of(values.begin(), values.end(), [&](T v) { return v >= low && v <= high; });
 }
 
-Status load_numbers(const Calibration& c, TaxelTables& t) {
+// `any`: standard deviations of touches on taxels of any kind.
+Status load_numbers(const Calibration& c, TaxelTables& t, TaxelTables::Sigma& any) {
   const struct {
     const char* key;
     int64_t low;
@@ -38,10 +43,10 @@ Status load_numbers(const Calibration& c, TaxelTables& t) {
                  {"skin.floor_q12", 1, kMaxSinkQ12, &t.floor_q12},
                  {"skin.apart_q12", 1, 4096, &t.apart_q12},
                  {"skin.pair_q12", 0, 1 << 20, &t.pair_q12},
-                 {"skin.sigma_un", 1, 100'000'000, &t.sigma_un},
-                 {"skin.sigma_q12", 0, 4096, &t.sigma_q12},
-                 {"skin.place_sigma_um", 1, 1'000'000, &t.place_sigma_um},
-                 {"skin.faint_place_sigma_um", 0, 1'000'000, &t.faint_place_sigma_um},
+                 {"skin.sigma_un", kMinSigma[0], kMaxSigma[0], &any.force_un},
+                 {"skin.sigma_q12", kMinSigma[1], kMaxSigma[1], &any.force_q12},
+                 {"skin.place_sigma_um", kMinSigma[2], kMaxSigma[2], &any.place_um},
+                 {"skin.faint_place_sigma_um", kMinSigma[3], kMaxSigma[3], &any.faint_place_um},
                  {"skin.stray_limit_q6", 1, 1 << 16, &t.stray_limit_q6}};
   for (const auto& number : numbers) {
     const auto value = c.integer(number.key, number.low, number.high);
@@ -89,6 +94,26 @@ Result<int64_t> load_gain(const Calibration& c, TaxelTables& t) {
   return int64_t{gain->shape[0]};
 }
 
+// Of each kind, if the file tells them apart: those fitted before it did have one for all.
+Status load_sigma(const Calibration& c, const TaxelTables::Sigma& any, int64_t n_kinds, TaxelTables& t) {
+  t.sigma.assign(static_cast<size_t>(n_kinds), any);
+  if (c.tensor("skin.sigma") == nullptr) return Unit{};
+  const auto sigma = c.tensor("skin.sigma", Tensor::Type::kI32, {n_kinds, int64_t{kMinSigma.size()}});
+  if (!sigma) return sigma.error();
+  const auto values = sigma.value()->as<int32_t>();
+  for (size_t i = 0; i < values.size(); ++i) {
+    const size_t column = i % kMinSigma.size();
+    if (values[i] < kMinSigma[column] || values[i] > kMaxSigma[column]) {
+      return bad("sigma is not within 1 uN to 100 N, 0 to 1, 1 um to 1 m, 0 to 1 m");
+    }
+  }
+  for (size_t kind = 0; kind < t.sigma.size(); ++kind) {
+    const auto row = values.subspan(kind * kMinSigma.size(), kMinSigma.size());
+    t.sigma[kind] = {.force_un = row[0], .force_q12 = row[1], .place_um = row[2], .faint_place_um = row[3]};
+  }
+  return Unit{};
+}
+
 }  // namespace
 
 Result<TaxelTables> TaxelTables::load(const Calibration& c, const BoardSettings& board) {
@@ -96,7 +121,8 @@ Result<TaxelTables> TaxelTables::load(const Calibration& c, const BoardSettings&
   const auto n_taxels = c.integer("skin.taxels", 1, Taxels::kMaxTaxels);
   if (!n_taxels) return n_taxels.error();
   const int64_t n = n_taxels.value();
-  const Status numbers = load_numbers(c, t);
+  Sigma any;
+  const Status numbers = load_numbers(c, t, any);
   if (!numbers) return numbers.error();
   const Status curves = load_curves(c, t);
   if (!curves) return curves.error();
@@ -106,6 +132,8 @@ Result<TaxelTables> TaxelTables::load(const Calibration& c, const BoardSettings&
   if (!kind) return kind.error();
   const auto n_kinds = load_gain(c, t);
   if (!n_kinds) return n_kinds.error();
+  const Status sigma = load_sigma(c, any, n_kinds.value(), t);
+  if (!sigma) return sigma.error();
   const auto near = c.tensor("skin.taxel_near", Tensor::Type::kI16, {n, kNeighbours});
   if (!near) return near.error();
   const auto shift = c.tensor("skin.taxel_shift", Tensor::Type::kI32, {n, 2, kCoefficients});

@@ -23,9 +23,18 @@ struct TaxelTables {
   struct Taxel {
     int64_t x_um = 0;
     int64_t y_um = 0;
-    size_t kind = 0;                                            // selects its gain
+    size_t kind = 0;                                            // selects its gain and its deviations
     std::array<int16_t, kNeighbours> near{};                    // -1: none
     std::array<std::array<int64_t, kCoefficients>, 2> shift{};  // um Q8, of 1, q, q^2, q^3; along x and y
+  };
+
+  // Standard deviations of touches on a kind of taxels; of the position also an addition at the contact threshold, which
+  // falls as the force rises.
+  struct Sigma {
+    int64_t force_un = 0;   // a constant
+    int64_t force_q12 = 0;  // a share of the force
+    int64_t place_um = 0;
+    int64_t faint_place_um = 0;
   };
 
   [[nodiscard]] static Result<TaxelTables> load(const Calibration& calibration, const BoardSettings& board);
@@ -46,13 +55,10 @@ struct TaxelTables {
   int64_t reach_step_um = 0;
   int64_t round_um = 0;  // circumference of a tube, else 0
   int64_t taxel_area_um2 = 0;
-  int64_t floor_q12 = 0;  // a taxel with less sink is not touched
-  int64_t apart_q12 = 0;  // unexplained sink over own sink that indicates another touch
-  int64_t pair_q12 = 0;   // improvement by two positions over one that indicates two touches (touch_pair.h)
-  int64_t sigma_un = 0;   // standard deviation of a touch's force: a constant, and a share of the force
-  int64_t sigma_q12 = 0;
-  int64_t place_sigma_um = 0;  // standard deviation of its position: a constant, and the value at the contact threshold
-  int64_t faint_place_sigma_um = 0;
+  int64_t floor_q12 = 0;       // a taxel with less sink is not touched
+  int64_t apart_q12 = 0;       // unexplained sink over own sink that indicates another touch
+  int64_t pair_q12 = 0;        // improvement by two positions over one that indicates two touches (touch_pair.h)
+  std::vector<Sigma> sigma;    // by kind
   int64_t stray_limit_q6 = 0;  // outside light
 };
 

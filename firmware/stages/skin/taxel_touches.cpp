@@ -239,15 +239,16 @@ int64_t TaxelTouches::force_un(const Touch& touch, int64_t elastic_lsb) const {
 SkinTouch TaxelTouches::to_skin_touch(size_t k) const {
   const Touch& t = touch_[k];
   const int64_t force_un = this->force_un(t, force_lsb_[k]);
-  const int64_t part_un = round_shift(force_un * tables_.sigma_q12, 12);
-  const int64_t faint_um = floor_div(tables_.faint_place_sigma_um * threshold_un_, std::max(force_un, threshold_un_));
+  const TaxelTables::Sigma& sigma = tables_.sigma[tables_.taxels[t.taxel].kind];
+  const int64_t part_un = round_shift(force_un * sigma.force_q12, 12);
+  const int64_t faint_um = floor_div(sigma.faint_place_um * threshold_un_, std::max(force_un, threshold_un_));
   return {.x_um = t.x_um,
           .y_um = t.y_um,
           .area_um2 = n_taxels_[k] * tables_.taxel_area_um2,
           .brightness_q2 = t.strength_q12,
           .press_un = force_un,
-          .press_sigma_un = floor_sqrt(tables_.sigma_un * tables_.sigma_un + part_un * part_un),
-          .place_sigma_um = tables_.place_sigma_um + faint_um};
+          .press_sigma_un = floor_sqrt(sigma.force_un * sigma.force_un + part_un * part_un),
+          .place_sigma_um = sigma.place_um + faint_um};
 }
 
 SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture_us, bool is_trusted,

@@ -14,7 +14,7 @@
 //   strength      s = u_c / reach(X_c - X)
 //   force         E, the sum of press over the taxels, distributed by the touches' shares of the sink, times the gain
 //                 of c's kind at E, |q_x| and |q_y|
-//   sigma         of force: sqrt(constant^2 + (part force)^2); of place: constant + faint threshold / force
+//   sigma         of c's kind; of force: sqrt(constant^2 + (part force)^2); of place: constant + faint threshold / force
 //
 // All tables come from the calibration. Not in the paper. Frame thread; no allocation after load().
 #pragma once

@@ -92,7 +92,8 @@ def test_force_and_place_of_presses_that_were_not_fitted() -> None:
     presses = [press(p, rng.uniform(0.7, 1.3), rng, layout) for p in place]
     fitted, judged = presses[:48], presses[48:]
     force, places = kept(fit_force, fitted, layout), kept(fit_places, fitted, layout)
-    load, off, away = errors(judged, layout, force, places)
+    found = errors(judged, layout, force, places)
+    load, off, away = found.load_n, found.off_n, found.away_mm
     assert len(load) > 60
     assert np.mean(np.abs(off / load)[load > 1.5]) < 0.04
     assert np.mean(away) < 1.2

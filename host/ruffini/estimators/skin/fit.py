@@ -18,6 +18,7 @@ from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile, Tensors, base_metadata, pack
 from ruffini.calibrate.report.fewer_presses import Figures, Numbers, accuracy_of_presses
 from ruffini.errors import InputError
+from ruffini.estimators.skin.gain import COLUMNS
 from ruffini.estimators.skin.openings import Openings, TubeView, find_openings, fit_view, lattice_mm
 from ruffini.estimators.skin.pairs import most_excess
 from ruffini.estimators.skin.places import PlaceFit, errors, fit_places
@@ -42,6 +43,7 @@ from ruffini.estimators.skin.response import (
     rims,
     sinks,
 )
+from ruffini.estimators.skin.spread import HARD_N, LIGHT_N, Errors, Spread, spread_by_kind
 from ruffini.files import readable
 from ruffini.frames import Frames
 
@@ -52,9 +54,10 @@ RATIO_STEP, RATIO_SIZE = 64, 577  # of firmware/stages/skin/taxel_tables.h
 STRAY_LIMIT_Q6 = (
     32  # light from outside: half a level of the weighted sum, ten times a patch's noise and JPEG's ringing
 )
-SIGMAS = 1.3  # stated over what the fit's own presses err by: other tips and places err more
-N_FOLDS = 5
+N_FOLDS = 10  # with fewer, whole corners of the skin are left out at once, and err more than they do in use
 CELLS = 3
+N_KINDS = 2 * COLUMNS  # of taxels, as gain_kinds numbers them
+SIGMA_KEYS = ("skin.sigma_un", "skin.sigma_q12", "skin.place_sigma_um", "skin.faint_place_sigma_um")
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ class SkinFit:
     reach: Array
     apart: float
     pair: float
+    spread: list[Spread]  # of each kind of taxel
     report: dict[str, Any]
     light_q2: npt.NDArray[np.int32]
 
@@ -137,9 +141,10 @@ def fit_seen(board: Board, seen: SeenSkin, pressed: list[Press], progress: Progr
     apart = max(APART_MARGIN * unexplained(pressed, layout, places, reach), APART_LEAST)
     pair = most_excess(pressed, layout, places, reach)
     progress(0.6)
-    report = _left_out(pressed, layout, force)
+    left_out = _left_out(pressed, layout, force)
+    spread = spread_by_kind(left_out, board.contact.threshold_un * 1e-6, N_KINDS)
     progress(0.7)
-    report |= {
+    report = _figures(left_out) | {
         "accuracy_of_presses": _of_fewer(pressed, layout, force, lambda done: progress(0.7 + 0.3 * done)),
         "n_presses": len(pressed), "n_taxels": openings.n_taxels,
         "f_px": view.f, "d_mm": view.d, "k1": view.k1, "k2": view.k2, "points_rmse_px": view.rmse_px,
@@ -149,7 +154,7 @@ def fit_seen(board: Board, seen: SeenSkin, pressed: list[Press], progress: Progr
         "coverage": coverage(board, pressed), "n_at_rim": n_at_rim(pressed, layout),
         "load_n": [float(f(p.force_n.max() for p in pressed)) for f in (min, max)],
     }  # fmt: skip
-    return SkinFit(view, openings, layout, force, places, reach, apart, pair, report, openings.base_q2(rest))
+    return SkinFit(view, openings, layout, force, places, reach, apart, pair, spread, report, openings.base_q2(rest))
 
 
 def coverage(board: Board, presses: list[Press]) -> float:
@@ -165,37 +170,47 @@ def n_at_rim(presses: list[Press], layout: Layout) -> int:
     return int((rims(layout, 0) | rims(layout, 1))[hardest].sum())
 
 
-def _left_out(presses: list[Press], layout: Layout, whole: ForceFit) -> dict[str, Any]:
+def _left_out(presses: list[Press], layout: Layout, whole: ForceFit) -> Errors:
     """Errors of presses that were left out of a fit to the others, each once."""
     n_folds = min(N_FOLDS, len(presses))
     if n_folds < 2:
         raise InputError("one press cannot be fitted and judged: give several places")
-    rows = []
+    parts = []
     for fold in range(n_folds):
         others = [p for i, p in enumerate(presses) if i % n_folds != fold]
-        left = [p for i, p in enumerate(presses) if i % n_folds == fold]
-        rows.append(np.stack(errors(left, layout, fit_force(others, layout, whole), fit_places(others, layout))))
-    load, off, away = np.concatenate(rows, axis=1)
-    part, light = np.abs(off / load)[load > 2], np.abs(off)[load <= 2]
+        numbers = np.arange(fold, len(presses), n_folds)
+        left = [presses[i] for i in numbers]
+        of_fold = errors(left, layout, fit_force(others, layout, whole), fit_places(others, layout))
+        parts.append(of_fold._replace(press=numbers[of_fold.press]))
+    return Errors.joined(parts)
+
+
+def _figures(left_out: Errors) -> dict[str, Any]:
+    load, away = left_out.load_n, left_out.away_mm
+    hard = load > HARD_N
+    part, light = np.abs(left_out.off_n / load)[hard], np.abs(left_out.off_n)[~hard]
     return {
         "force_error_percent": float(100 * part.mean()) if len(part) else float("nan"),
         "force_rms_percent": float(100 * np.sqrt(np.mean(part**2))) if len(part) else float("nan"),
-        "light_force_rms_n": float(np.sqrt(np.mean(light**2))) if len(light) else 0.2,
+        "light_force_rms_n": float(np.sqrt(np.mean(light**2))) if len(light) else LIGHT_N,
         "place_error_mm": float(away.mean()),
-        "place_rms_mm": float(np.sqrt(np.mean(away[load > 2] ** 2) / 2)) if len(part) else float("nan"),
-        "faint_place_rms_mm": float(np.sqrt(np.mean(away[load <= 2] ** 2) / 2)) if (load <= 2).any() else 0.0,
-    }  # fmt: skip
+    }
 
 
 def _of_fewer(presses: list[Press], layout: Layout, whole: ForceFit, progress: Progress) -> list[dict[str, Any]]:
     def error(used: Numbers, left: Numbers) -> Figures:
         some, others = [presses[i] for i in used], [presses[i] for i in left]
-        load, off, away = errors(others, layout, fit_force(some, layout, whole), fit_places(some, layout))
-        hard = load > 2
-        part = float(100 * np.abs(off / load)[hard].mean()) if hard.any() else float("nan")
-        return {"force_error_percent": part, "place_error_mm": float(away.mean())}
+        found = _figures(errors(others, layout, fit_force(some, layout, whole), fit_places(some, layout)))
+        return {name: found[name] for name in ("force_error_percent", "place_error_mm")}
 
     return accuracy_of_presses(len(presses), error, progress)
+
+
+def _sigma(spread: Spread) -> tuple[int, int, int, int]:
+    """As the firmware keeps it: uN, Q12, um, um, each within its limits."""
+    force_un = max(round(spread.force_n * 1e6), 1)
+    place_um = max(round(spread.place_mm * 1e3), 1)
+    return force_un, min(round(spread.force_part * 4096), 4096), place_um, round(spread.faint_place_mm * 1e3)
 
 
 def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:
@@ -203,10 +218,11 @@ def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:
     lsb_n = board.field.force_lsb_un * 1e-6
     ratio = np.arange(RATIO_SIZE) * RATIO_STEP / 4096 - 1
     u = np.log1p(np.maximum(ratio, -0.95))
-    layout, report = fit.layout, fit.report
+    layout = fit.layout
     cubic = fit.places.shift_mm * 1e3 * 256
     markers = board.markers
     assert markers is not None
+    sigma = np.array([_sigma(spread) for spread in fit.spread], dtype=np.int32)
     tensors: Tensors = {
         "skin.run": fit.openings.runs,
         "skin.light": fit.light_q2,
@@ -216,6 +232,7 @@ def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:
         "skin.taxel_place": np.round(fit.places.places_mm * 1e3).astype(np.int32),
         "skin.taxel_kind": gain_kinds(layout).astype(np.int16),
         "skin.gain": np.round(fit.force.gain.table * 65536).astype(np.int32),
+        "skin.sigma": sigma,
         "skin.taxel_near": layout.near.astype(np.int16),
         "skin.taxel_shift": np.round(cubic).astype(np.int32),
         "relaxation.part": np.round(fit.force.parts * 2**20).astype(np.int32),
@@ -228,10 +245,7 @@ def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:
         "skin.taxel_area_um2": markers.pitch_x_um * markers.pitch_y_um,
         "skin.floor_q12": round(FLOOR * 4096), "skin.apart_q12": min(round(fit.apart * 4096), 4096),
         "skin.pair_q12": min(round(fit.pair * 4096), 1 << 20),
-        "skin.sigma_un": max(round(SIGMAS * report["light_force_rms_n"] * 1e6), 1),
-        "skin.sigma_q12": min(round(SIGMAS * report["force_rms_percent"] * 40.96), 4096),
-        "skin.place_sigma_um": max(round(SIGMAS * report["place_rms_mm"] * 1e3), 1),
-        "skin.faint_place_sigma_um": round(SIGMAS * report["faint_place_rms_mm"] * 1e3),
+        **dict(zip(SIGMA_KEYS, (int(v) for v in sigma.max(axis=0)), strict=True)),
         "skin.stray_limit_q6": STRAY_LIMIT_Q6,
         "relaxation.terms": len(TIMES_S),
     }  # fmt: skip

@@ -8,7 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.estimators.skin.presses import Press
-from ruffini.estimators.skin.response import FORCE_N, KINDS, PLACED_N, ForceFit, Layout, peaks, rims, sinks
+from ruffini.estimators.skin.response import (
+    FORCE_N,
+    KINDS,
+    PLACED_N,
+    ForceFit,
+    Layout,
+    gain_kinds,
+    peaks,
+    rims,
+    sinks,
+)
+from ruffini.estimators.skin.spread import Errors
 
 Array = npt.NDArray[np.float64]
 
@@ -78,11 +89,11 @@ def moved(layout: Layout, places: PlaceFit) -> Layout:
     return Layout(places.places_mm, layout.near, layout.kind, layout.sign, layout.round_mm)
 
 
-def errors(presses: list[Press], layout: Layout, force: ForceFit, places: PlaceFit) -> tuple[Array, Array, Array]:
-    """Reference force (N), error of the force (N) and of the place (mm) of every pressed frame within FORCE_N."""
-    out: list[tuple[float, float, float]] = []
-    own = moved(layout, places)
-    for press in presses:
+def errors(presses: list[Press], layout: Layout, force: ForceFit, places: PlaceFit) -> Errors:
+    """Of every pressed frame within FORCE_N; `press` numbers `presses`."""
+    parts: list[Errors] = []
+    own, kinds = moved(layout, places), gain_kinds(layout)
+    for number, press in enumerate(presses):
         u = sinks(press)
         estimate, found = force.force(press, layout), places.place(u, layout)
         taxel = int(np.linalg.norm(own.away(press.place_mm), axis=1).argmin())
@@ -90,8 +101,8 @@ def errors(presses: list[Press], layout: Layout, force: ForceFit, places: PlaceF
         off = found - wanted
         if layout.round_mm:
             off[:, 0] = (off[:, 0] + layout.round_mm / 2) % layout.round_mm - layout.round_mm / 2
-        for frame in np.flatnonzero((press.force_n > PLACED_N) & (press.force_n < FORCE_N[1])):
-            error = estimate[frame] - press.force_n[frame]
-            out.append((press.force_n[frame], float(error), float(np.linalg.norm(off[frame]))))
-    rows = np.array(out).reshape(-1, 3)
-    return rows[:, 0], rows[:, 1], rows[:, 2]
+        rows = (press.force_n > PLACED_N) & (press.force_n < FORCE_N[1])
+        kind = kinds[peaks(u, layout).taxel]
+        every = Errors(press.force_n, estimate - press.force_n, off, kind, np.full(len(rows), number))
+        parts.append(every.of(rows))
+    return Errors.joined(parts)
