@@ -101,14 +101,15 @@ lint-python: setup  ## ruff, mypy --strict, and that nothing is newer than Pytho
 lint-page: build  ## types of the page, strict
 	@npm --prefix host/page --silent run check
 
-# ANALYZE=I/N: the analyzer, half of clang-tidy's time, only on each N-th file, from the I-th; all other checks on all files.
+# ANALYZE=I/N: the analyzer, half of clang-tidy's time, only on every N-th file, from number I; all other checks on all files.
 ANALYZE ?= 0/1
 lint-cpp: build  ## clang-format on all C++, clang-tidy on the core
 	@.ci/setup lint
 	@git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run -Werror
 	@git ls-files 'firmware/image/*.cpp' 'firmware/solve/*.cpp' 'firmware/core/*.cpp' 'firmware/estimators/*.cpp' 'firmware/stages/*.cpp' firmware/frame_calibration.cpp firmware/frame_path.cpp \
 	  firmware/link/frame_codec.cpp firmware/link/dense_codec.cpp firmware/store/calibration.cpp \
-	  | xargs ls -S | awk -v turn='$(ANALYZE)' '{split(turn, t, "/"); print "--checks=" (NR % t[2] == t[1] ? "" : "-clang-analyzer-*"), $$0}' \
+	  | awk -v turn='$(ANALYZE)' '{split(turn, t, "/"); print "--checks=" (NR % t[2] == t[1] ? "" : "-clang-analyzer-*"), $$0}' \
+  | while read -r checks file; do echo "$$(stat -c %s "$$file") $$checks $$file"; done | sort -rn | cut -d' ' -f2- \
 	  | xargs -P $(JOBS) -n 2 clang-tidy -p $(BUILD) --quiet 2> >(grep -v 'warnings\? generated' >&2)
 
 werror: setup  ## a build where warnings are errors

@@ -333,24 +333,30 @@ void Daemon::send_results(const FrameLease& lease) {
   wake_link();  // now, so that the link thread also sees that the camera is back
 }
 
-// Copies a new rest image for the link thread, one frame or more after it was asked for room.
+// Copies an accepted rest image for the link thread. Asks for the room while the image is learned, so that it is there
+// with the image's last frame: another frame may never come. Without it a later frame copies the image.
 void Daemon::offer_rest() {
+  if (!options_.save_rest) return;
   const uint32_t n_known = path_->rest_watch().n_accepted;
-  if (!options_.save_rest || n_known == n_saved_rests_) return;
-  if (rest_room_ == RestRoom::kNone) rest_room_ = RestRoom::kAsked;
-  if (rest_room_ != RestRoom::kEmpty) return;
-  const std::span<const uint16_t> rest = path_->rest_image();
-  std::copy(rest.begin(), rest.end(), rest_to_save_.begin());
-  n_saved_rests_ = n_known;
-  rest_room_ = RestRoom::kFull;
+  const bool is_new = n_known != n_saved_rests_;
+  const bool is_learning = !path_->has_rest();
+  if ((is_new || is_learning) && rest_room_ == RestRoom::kNone) rest_room_ = RestRoom::kAsked;
+  if (rest_room_ != RestRoom::kEmpty || (is_learning && !is_new)) return;
+  if (is_new) {
+    const std::span<const uint16_t> rest = path_->rest_image();
+    std::copy(rest.begin(), rest.end(), rest_to_save_.begin());
+    n_saved_rests_ = n_known;
+  }
+  rest_room_ = is_new ? RestRoom::kFull : RestRoom::kUnneeded;
 }
 
 void Daemon::save_rest() {
-  if (rest_room_ == RestRoom::kAsked) {
+  const RestRoom room = rest_room_;
+  if (room == RestRoom::kAsked) {
     rest_to_save_.resize(size_t{3} * static_cast<size_t>(board_.camera.width_px * board_.camera.height_px));
     rest_room_ = RestRoom::kEmpty;
-  } else if (rest_room_ == RestRoom::kFull) {
-    options_.save_rest(rest_to_save_);
+  } else if (room == RestRoom::kFull || room == RestRoom::kUnneeded) {
+    if (room == RestRoom::kFull) options_.save_rest(rest_to_save_);
     std::vector<uint16_t>().swap(rest_to_save_);
     rest_room_ = RestRoom::kNone;
   }

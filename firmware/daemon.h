@@ -133,9 +133,9 @@ class Daemon {
   Liveness<4> liveness_;
   uint64_t link_iterations_ = 0;
   bool is_ready_reported_ = false;  // READY was sent
-  // A rest image on its way to the medium. The frame thread asks for room and fills it, the link thread gives it, saves
-  // the image and frees the room, which is as large as two pictures.
-  enum class RestRoom : uint8_t { kNone, kAsked, kEmpty, kFull };
+  // A rest image on its way to the medium. The frame thread asks for room and fills it or gives it back; the link thread
+  // allocates it, saves the image and frees the room, which is as large as two pictures.
+  enum class RestRoom : uint8_t { kNone, kAsked, kEmpty, kFull, kUnneeded };
   std::atomic<RestRoom> rest_room_{RestRoom::kNone};
   std::vector<uint16_t> rest_to_save_;  // the frame thread's while kEmpty, else the link thread's
   uint32_t n_saved_rests_ = 0;

@@ -12,6 +12,7 @@
 #include "base/spsc_ring.h"
 #include "frame_path.h"
 #include "infer/learned_result.h"
+#include "link/frame_codec.h"
 
 namespace ruffini {
 
@@ -49,9 +50,11 @@ struct LastFrame {
 };
 static_assert(std::atomic<PathTally>::is_always_lock_free);
 
-// Room for the messages of two frames; the largest of them is the picture.
+// Room for the largest message and for about two pictures: what the link thread does not take within a frame's time is
+// dropped and counted, beside pictures sooner than without them.
 inline size_t telemetry_ring_bytes(const BoardSettings& board) {
   constexpr size_t kLeast = size_t{1} << 20;
+  static_assert(sizeof(uint32_t) + sizeof(TelemetryHead::Bytes) + kMaxFragments * kMaxFrameBytes <= kLeast);
   const auto n_pixels = static_cast<size_t>(board.camera.width_px) * static_cast<size_t>(board.camera.height_px);
   return std::clamp(std::bit_ceil(2 * 3 * n_pixels), kLeast, kTelemetryRingBytes);
 }

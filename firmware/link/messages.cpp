@@ -11,7 +11,9 @@
 namespace ruffini {
 namespace {
 
-constexpr size_t kMessageOverhead = 1'024;  // upper bound of a message without its dense data
+constexpr size_t kMessageOverhead = 4'048;  // upper bound of a message without its dense data
+static_assert(ruffini_Contacts_size <= kMessageOverhead);
+constexpr size_t kPictureOverhead = 1'024;  // of an image's message
 
 bool write_span(pb_ostream_t* stream, const pb_field_t* field, void* const* arg) {
   const auto& bytes = *static_cast<const std::span<const uint8_t>*>(*arg);
@@ -85,10 +87,11 @@ MessageEncoder::MessageEncoder(const FramePath& path, uint8_t sensor) : sensor_(
   size_t n_dense = 0;
   for (const std::vector<uint8_t>& part : dense_) n_dense += part.size();
   const size_t n_picture = n_row * static_cast<size_t>(path.board().camera.height_px);
-  frames_.resize(frames_bound(kMessageOverhead + std::max(n_dense, n_picture)));
+  const size_t n_message = std::min(kMessageOverhead + std::max(n_dense, n_picture), kMaxFragments * kMaxPayloadBytes);
+  frames_.resize(frames_bound(n_message));
 }
 
-// Frames as they fill: the whole message, which may be a picture, is never stored beside them.
+// Writes each frame as soon as its part is full, so that the whole message, which may be a picture, is never stored.
 size_t MessageEncoder::serialise(const pb_msgdesc_t* fields, const void* message) {
   header_.sequence = sequence_++;  // also of a message that cannot be sent, so that the host counts the gap
   size_t n_message = 0;
@@ -333,7 +336,7 @@ size_t MessageEncoder::image(const FrameView& frame, const FramePath& path, cons
   // Decimated until it fits one message.
   Thinned picture{.frame = &frame, .row = row_};
   const auto n_bytes = [&] { return static_cast<size_t>(picture.width() * picture.height()) * 3; };
-  while (n_bytes() + kMessageOverhead > kMaxFragments * kMaxPayloadBytes) ++picture.step;
+  while (n_bytes() + kPictureOverhead > kMaxFragments * kMaxPayloadBytes) ++picture.step;
   m.width_px = static_cast<uint32_t>(picture.width());
   m.height_px = static_cast<uint32_t>(picture.height());
   m.step_px = static_cast<uint32_t>(picture.step);

@@ -219,8 +219,12 @@ def thread_tests(root: Path) -> list[str]:
     lists = root / "CMakeLists.txt"
     built = _text(lists) if lists.is_file() else ""
     others = re.search(r"add_executable\(ruffini_device_tests\s([^)]*)\)", built)
+    if others is None:
+        return (
+            ["CMakeLists.txt has no ruffini_device_tests, of which those with threads run under TSan"] if built else []
+        )
     found = []
-    for name in re.findall(r"tests/cpp/\S+", others[1] if others else ""):
+    for name in re.findall(r"tests/cpp/\S+", others[1]):
         test = _text(root / name)
         headers = re.findall(r'^#include "([^"]+)\.h"', test, re.M)
         own = [root / "firmware" / (header + suffix) for header in headers for suffix in (".h", ".cpp")]

@@ -33,7 +33,7 @@ sys.path.append(str(Path(__file__).parents[1] / "hostile"))
 from table import commit
 
 SECTION = "## The dense pad"
-COLUMNS = ("pad", "markers", "nodes, touched", "frame, ms", "over the sparse pad's", "calibration, MB", "resident, MiB",
+COLUMNS = ("pad", "markers", "nodes, touched", "frame, ms", "median ratio of pairs", "calibration, MB", "resident, MiB",
            "commit", "date")  # fmt: skip
 JUDGED = ("firmware", "host/ruffini", "boards", "tests/bench/dense_pad.py", "tests/bench/benchmarks.py", ":!*.md")
 EVERYTHING = {"wrench": 1, "field": 1, "depth": 1, "contacts": 1, "markers": 1, "image": 1}

@@ -106,7 +106,7 @@ class IoDouble : public BoardIo {
 
 class DaemonTest : public testing::Test {
  protected:
-  explicit DaemonTest(int n_cores = 1)
+  explicit DaemonTest(int n_cores = 1, DaemonOptions options = {})
       : scene_(test::dots()), folder_(testing::TempDir() + "daemon_test" + std::to_string(::getpid())) {
     now.us = 1'000'000;
     work_us = 0;
@@ -122,7 +122,7 @@ class DaemonTest : public testing::Test {
                                                      .link = std::make_unique<LineDouble>(line_),
                                                      .io = std::make_unique<IoDouble>(throttled_)},
                                        *calibrator_, exchange_, DeviceIdentity{.serial = "0042", .version = "test"},
-                                       DaemonOptions{});
+                                       std::move(options));
     ruffini_Command wrench = ruffini_Command_init_zero;
     wrench.request_id = 1;
     wrench.which_action = ruffini_Command_subscribe_tag;
@@ -246,6 +246,47 @@ class TwoCoresTest : public DaemonTest {
  protected:
   TwoCoresTest() : DaemonTest(2) {}
 };
+
+class SavedRestTest : public DaemonTest {
+ protected:
+  SavedRestTest()
+      : DaemonTest(1, {.save_rest = [this](std::span<const uint16_t> rest) {
+                     saved_.emplace_back(rest.begin(), rest.end());
+                   }}) {}
+
+  std::vector<std::vector<uint16_t>> saved_;
+};
+
+// Saved by the end of the frame that completes it: another may never come.
+TEST_F(SavedRestTest, EachZeroIsSavedWithItsLastFrame) {
+  learn_rest();
+  EXPECT_TRUE(saved_.empty()) << "nothing says that the pad was untouched";
+  std::vector<uint16_t> expected(scene_.rest.size());
+  std::transform(scene_.rest.begin(), scene_.rest.end(), expected.begin(),
+                 [](uint8_t v) { return static_cast<uint16_t>(16 * v); });
+  for (size_t n_zeros = 1; n_zeros <= 2; ++n_zeros) {
+    exchange_.zero_frames = 5;
+    for (int i = 0; i < 5; ++i) {
+      EXPECT_EQ(saved_.size(), n_zeros - 1);
+      frame(0);
+    }
+    ASSERT_EQ(saved_.size(), n_zeros);
+    expected[0] = saved_.back()[0];  // each picture has another first value
+    EXPECT_EQ(saved_.back(), expected);
+  }
+}
+TEST_F(SavedRestTest, AZeroThatIsGivenUpIsNotSavedAndTheNextOneIs) {
+  learn_rest();
+  exchange_.zero_frames = 5;
+  frame(0);
+  frame(0);
+  exchange_.zero_frames = kCancelZero;
+  for (int i = 0; i < 5; ++i) frame(0);
+  EXPECT_TRUE(saved_.empty());
+  exchange_.zero_frames = 3;
+  for (int i = 0; i < 3; ++i) frame(0);
+  EXPECT_EQ(saved_.size(), 1U);
+}
 
 // Two intervals and a half after capture: with two cores the next frame is on its way, and none waits.
 TEST_F(DaemonTest, AFrameThatKeepsTheNextOneWaitingIsLate) {

@@ -208,9 +208,9 @@ def solved_again(before: list[Solved], after: list[Solved]) -> str | None:
 
 
 def twin_mesh(press: Press) -> MeshSettings | None:
-    """The twin's mesh for a press; None: its own, whose elements are wider than a sharp edge is round.
+    """The twin's mesh for a press; None: its usual one.
 
-    Twice as many elements across it: the edges here lie along y.
+    Sharp edges, which all lie along y, get twice the elements along x: the usual ones are wider than an edge's radius.
     """
     return MeshSettings(cells_x=48) if min(touch.radius for touch in press.recipe.touches) < SHARP_MM else None
 

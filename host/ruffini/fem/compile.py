@@ -127,10 +127,13 @@ def compile_matrix(
         program = quantise(plan, what)
         compiled = Compiled(program, certify(program, matrix, rows.axis, samples), f"dense{suffix}")
     proof = compiled.certificate
-    for error, allowed in ((proof.total, job.max_error), (proof.samples, job.max_sample_error)):
+    for on, error, allowed in (
+        ("independent inputs", proof.total, job.max_error), ("samples", proof.samples, job.max_sample_error)
+    ):  # fmt: skip
         if error > allowed:
             raise InputError(
-                f"rounding {what} to 15 bits costs {error:.1e} (relative L2), more than {allowed:.1e}: allow more error"
+                f"rounding {what} to 15 bits costs {error:.1e} (relative L2 on {on}), more than {allowed:.1e}: "
+                "allow more error"
             )
     if max_bytes is not None and compiled.program.n_bytes > max_bytes:
         raise InputError(

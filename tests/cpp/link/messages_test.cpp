@@ -453,8 +453,8 @@ TEST_F(MessagesTest, AnImageTravelsAsItIs) {
   EXPECT_EQ(data, picture_);
 }
 
-// All lengths from less than one part of a message to more than two.
-TEST_F(MessagesTest, AnyLengthIsSplitIntoFullPartsAndARestThatIsNotEmpty) {
+// Lengths in steps of a pixel, from less than one part of a message to more than two.
+TEST_F(MessagesTest, AnyLengthIsSplitIntoFullPartsAndANonEmptyRemainder) {
   const Bytes pixels(3 * 3'000, 7);
   size_t n_exact = 0;
   for (int width = 1'300; width < 2'800; ++width) {
@@ -470,6 +470,7 @@ TEST_F(MessagesTest, AnyLengthIsSplitIntoFullPartsAndARestThatIsNotEmpty) {
                          n_fragments = frame->header.n_fragments;
                        }
                      });
+    ASSERT_FALSE(part.empty()) << width;
     ASSERT_EQ(part.size(), n_fragments) << width;
     for (size_t i = 0; i + 1 < part.size(); ++i) ASSERT_EQ(part[i], kMaxPayloadBytes) << width;
     ASSERT_GT(part.back(), 0U) << width;

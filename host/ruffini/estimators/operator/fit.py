@@ -35,23 +35,34 @@ OPERATOR_METHODS = (*METHODS, "support")
 MAX_SHEAR_NOISE = 2**24  # more is no shear at all outside the modes
 NORMAL_SCALE = 256  # fraction of `support.normal`'s output
 FRACTION_Q14 = 1 << 14
-MAX_ERROR = 1e-3  # of the operator in integers, relative, on independent displacements and on touches
+MAX_ERROR = 1e-3  # of a program in integers, relative, on independent displacements and on touches
 N_SAMPLES = 24
 SCALE_Q16 = 1 << 16
 
 
 class Precision(NamedTuple):
-    """Relative errors that integers may cost: of any program, and of the operator on touches."""
+    """Relative errors that integers may cost: of the operator's and the second pass's programs, of the operator on
 
-    any: float = MAX_ERROR
+    touches. `operator_shapes`: hierarchies that the operator is compiled to.
+    """
+
+    programs: float = MAX_ERROR
     on_touches: float = MAX_ERROR
     operator_shapes: tuple[Shape, ...] = SHAPES
 
 
-# With so many observed nodes the tables leave the processor's cache and fill half of the memory that the smallest board
-# has for them. What they may err by then is a thirtieth of what the second pass leaves (DESIGN.md).
+# From here on the tables exceed the processor's cache. The second pass then differs by 0.6 % of the force
+# (fem/DESIGN.md). One shape: the one that costs least at the compiler's first threshold is not the one that meets the
+# error on touches with the fewest entries.
 MANY_NODES = 1500
 MANY_NODES_PRECISION = Precision(4e-3, 1.5e-2, (Shape(128, 1, 0.5),))
+
+
+def precision_of(n_nodes: int, *, has_support: bool) -> Precision:
+    """For a pad with so many observed nodes; without a second pass the operator's own errors are the result's."""
+    return MANY_NODES_PRECISION if has_support and n_nodes >= MANY_NODES else Precision()
+
+
 LARGEST_STIFFNESS_SIGMA_1E6 = 500_000
 SPREAD_SIGMAS = 4.0  # of the spread that noise of the operator's standard deviation makes
 LARGEST_SPREAD = 1 << 23
@@ -206,9 +217,9 @@ def _made(
     sites = observed_sites(board)
     room = board.calibration_bytes
     samples = touch_samples(sites)
-    precision = MANY_NODES_PRECISION if has_support and len(sites) >= 3 * MANY_NODES else Precision()
+    precision = precision_of(len(sites) // 3, has_support=has_support)
     compiled = compile_matrix(
-        in_steps, sites, sites, "the operator", max_error=precision.any, max_bytes=room, samples=samples,
+        in_steps, sites, sites, "the operator", max_error=precision.programs, max_bytes=room, samples=samples,
         max_sample_error=precision.on_touches, shapes=precision.operator_shapes,
     )  # fmt: skip
     room -= compiled.program.n_bytes
@@ -237,7 +248,7 @@ def _made(
         condensed = condense(slab)
         system = support_system(condensed, noise, observed_unknowns(board), matrix)
         progress(0.6)
-        _add_support(tensors, metadata, system, lsb, sites, room, precision.any)
+        _add_support(tensors, metadata, system, lsb, sites, room, precision.programs)
         tensors |= _spread_tensors(board, condensed, noise, lsb)
     if is_finite:
         beyond = finite_strain(slab, (rows.stop - rows.start, columns.stop - columns.start))
