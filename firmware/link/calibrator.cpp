@@ -5,6 +5,8 @@
 #include <functional>
 #include <utility>
 
+#include "store/huge_pages.h"
+
 namespace ruffini {
 namespace {
 
@@ -159,7 +161,9 @@ Status Calibrator::commit() {
     abort();
     return Error{ErrorKind::kStorage, "the upload's SHA-256 differs from what was announced: send it again"};
   }
-  auto prepared = prepare(upload_);  // a copy: a commit that the medium fails may be repeated
+  std::vector<uint8_t> copy = bytes_in_huge_pages(upload_.size());  // a commit that the medium fails may be repeated
+  std::copy(upload_.begin(), upload_.end(), copy.begin());
+  auto prepared = prepare(std::move(copy));
   if (!prepared) {
     abort();
     return prepared.error();

@@ -11,6 +11,8 @@
 #include <filesystem>
 #include <utility>
 
+#include "store/huge_pages.h"
+
 namespace ruffini {
 namespace {
 
@@ -53,7 +55,7 @@ Result<std::vector<uint8_t>> read_whole(const UniqueFd& file, const std::string&
     return storage_error("use (not a plain file, or too large)", path);
   }
   if (from == ReadFrom::kMedium) ::posix_fadvise(file.get(), 0, 0, POSIX_FADV_DONTNEED);
-  std::vector<uint8_t> bytes(static_cast<size_t>(status.st_size));
+  std::vector<uint8_t> bytes = bytes_in_huge_pages(static_cast<size_t>(status.st_size));
   for (size_t at = 0; at < bytes.size();) {
     const ssize_t n = ::read(file.get(), bytes.data() + at, bytes.size() - at);
     if (n < 0 && errno == EINTR) continue;

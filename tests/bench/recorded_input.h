@@ -5,7 +5,6 @@
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
-#include <iterator>
 #include <memory>
 #include <string>
 #include <utility>
@@ -13,16 +12,20 @@
 
 #include "board/parse.h"
 #include "frame_path.h"
+#include "store/huge_pages.h"
 
 namespace ruffini::bench {
 
 inline std::vector<uint8_t> read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
+  std::ifstream in(path, std::ios::binary | std::ios::ate);
   if (!in) {
     std::cerr << path << ": cannot be read: run tests/bench/benchmarks.py, which makes it\n";
     std::exit(2);
   }
-  return {std::istreambuf_iterator<char>(in), {}};
+  std::vector<uint8_t> bytes = bytes_in_huge_pages(static_cast<size_t>(in.tellg()));  // as ruffinid has its calibration
+  in.seekg(0);
+  in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  return bytes;
 }
 
 template <typename T>
