@@ -37,6 +37,13 @@ def test_a_new_decoder_counts_from_zero() -> None:
     assert watch.update(1, 2.0)
 
 
+def test_a_count_that_falls_is_no_damage() -> None:
+    watch = DamageWatch()
+    assert watch.update(3, 0.0)
+    assert not watch.update(0, 3 * INTERVAL_S)
+    assert not watch.is_bad(3 * INTERVAL_S)
+
+
 def test_less_than_four_frames_in_a_billion_hours_are_wrong_before_the_line_is_called_bad() -> None:
     spec = importlib.util.spec_from_file_location("line_errors", BENCH / "line_errors.py")
     assert spec is not None
