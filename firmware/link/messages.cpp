@@ -21,7 +21,7 @@ bool write_span(pb_ostream_t* stream, const pb_field_t* field, void* const* arg)
 }
 
 // Every step-th pixel of every step-th row.
-struct Thinned {
+struct ThinnedPicture {
   const FrameView* frame = nullptr;
   int step = 1;
   std::span<uint8_t> row;  // room for one row of the result
@@ -32,7 +32,7 @@ struct Thinned {
 
 // Written from where the picture lies, row by row: a copy of it would be as large as all else that is encoded.
 bool write_picture(pb_ostream_t* stream, const pb_field_t* field, void* const* arg) {
-  const auto& picture = *static_cast<const Thinned*>(*arg);
+  const auto& picture = *static_cast<const ThinnedPicture*>(*arg);
   const size_t n_row = static_cast<size_t>(picture.width()) * 3;
   if (!pb_encode_tag_for_field(stream, field)) return false;
   if (!pb_encode_varint(stream, n_row * static_cast<size_t>(picture.height()))) return false;
@@ -334,7 +334,7 @@ size_t MessageEncoder::image(const FrameView& frame, const FramePath& path, cons
   m.stamp = to_proto(stamp, path.state().flags);
   m.format = ruffini_Image_Format_FORMAT_BGR8;
   // Decimated until it fits one message.
-  Thinned picture{.frame = &frame, .row = row_};
+  ThinnedPicture picture{.frame = &frame, .row = row_};
   const auto n_bytes = [&] { return static_cast<size_t>(picture.width() * picture.height()) * 3; };
   while (n_bytes() + kPictureOverhead > kMaxFragments * kMaxPayloadBytes) ++picture.step;
   m.width_px = static_cast<uint32_t>(picture.width());

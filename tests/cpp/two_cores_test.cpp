@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <numeric>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -175,6 +176,7 @@ using Payloads = std::vector<std::vector<uint8_t>>;
 std::array<Payloads, kMessageTypes> run_daemon(const test::Scene& scene, uint64_t n_frames,
                                                const std::function<void(uint64_t, Exchange&)>& before) {
   Exchange exchange;
+  int n_saved = 0;  // rest images
   for (int type = ruffini_MessageType_MESSAGE_TYPE_STATUS + 1; type <= ruffini_MessageType_MESSAGE_TYPE_IMAGE; ++type) {
     exchange.every[static_cast<size_t>(type)] = 1;
   }
@@ -198,7 +200,10 @@ std::array<Payloads, kMessageTypes> run_daemon(const test::Scene& scene, uint64_
                     .io = std::make_unique<Thermometer>("")},
       calibrator, exchange,
       DeviceIdentity{.serial = "0000", .version = "test", .stream_flags = kSimulated, .is_lossless = true},
-      DaemonOptions{.is_lockstep = true});
+      DaemonOptions{.is_lockstep = true, .save_rest = [&](std::span<const uint16_t> rest) {
+                      ++n_saved;
+                      EXPECT_NE(std::accumulate(rest.begin(), rest.end(), uint64_t{0}), 0U);
+                    }});
   std::array<Payloads, kMessageTypes> out{};
   std::thread reader([&] {
     FrameDecoder decoder;
@@ -215,6 +220,7 @@ std::array<Payloads, kMessageTypes> run_daemon(const test::Scene& scene, uint64_
   const std::atomic<bool> stop{false};
   daemon->run(stop);
   EXPECT_EQ(exchange.frames_processed, n_frames);
+  EXPECT_GT(n_saved, 0);
   daemon.reset();  // closes the line: the reader ends
   reader.join();
   ::close(host);
