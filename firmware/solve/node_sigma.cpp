@@ -189,11 +189,32 @@ void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8
       if (!around.is_silent) sigma[i] = sigma_with(around);
     }
   }
-  for (size_t i = 0; i < sigma.size(); ++i) {
-    if (filled[i] == 0) continue;
-    sigma[i].x *= kFilledShear;
-    sigma[i].y *= kFilledShear;
-    if (filled[i] == kAllFilled) sigma[i].z *= kFilledNormal;
+  grow_filled(filled, sigma);
+}
+
+void NodeSigmaModel::grow_filled(std::span<const uint8_t> filled, std::span<NodeSigma> sigma) const {
+  const auto at = [&](int x, int y) { return static_cast<size_t>(y * nodes_.n_x + x); };
+  const auto most_beside = [&](int x, int y) {
+    uint8_t most = kNothingFilled;
+    for (int v = std::max(y - 1, 0); v <= std::min(y + 1, nodes_.n_y - 1); ++v) {
+      for (int u = std::max(x - 1, 0); u <= std::min(x + 1, nodes_.n_x - 1); ++u)
+        most = std::max(most, filled[at(u, v)]);
+    }
+    return most;
+  };
+  const auto grown = [](int32_t s, int32_t halves) { return (s * halves + 1) / 2; };
+  if (std::all_of(filled.begin(), filled.end(), [](uint8_t f) { return f == kNothingFilled; })) return;
+  for (int y = 0; y < nodes_.n_y; ++y) {
+    for (int x = 0; x < nodes_.n_x; ++x) {
+      const uint8_t most = most_beside(x, y);
+      if (most == kNothingFilled) continue;
+      const uint8_t own = filled[at(x, y)];
+      NodeSigma& s = sigma[at(x, y)];
+      const int32_t shear = own == kNothingFilled ? kBesideFilled : kFilledShear;
+      s.x = grown(s.x, shear);
+      s.y = grown(s.y, shear);
+      if (most == kAllFilled) s.z = grown(s.z, own == kAllFilled ? kFilledNormal : kBesideFilled);
+    }
   }
 }
 

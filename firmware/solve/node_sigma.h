@@ -10,8 +10,9 @@
 //   w          clamp(-f_z, 0, T) / T, Q7, T the contact threshold, as in support_solver.h
 //   s          relative standard deviation of the pad's stiffness (stages/support/uncertainty_stage.cpp)
 //   tables     steps^2, 8 fraction bits; factors Q16, at most kMaxFactor
-//   sigma      square root, rounded half up to whole steps, at least 1; doubled for shear at filled nodes,
-//              three times for the normal force where depth is filled, too
+//   sigma      square root, rounded half up to whole steps, at least 1; times kFilledShear / 2 for shear at filled
+//              nodes, kFilledNormal / 2 for the normal force where depth is filled too, kBesideFilled / 2 for what is
+//              measured beside a node where it is filled
 //
 // Forces are clamped to kMaxForce steps, so each term stays below 2^60. x and y share their tables. Cost per node: 100
 // loads and three square roots. Frame thread; no allocation after load. Not in the paper.
@@ -44,13 +45,12 @@ class NodeSigmaModel {
   static constexpr int kRoughReach = 3;  // nodes to each side
   static constexpr int64_t kMaxForce = (int64_t{1} << 20) - 1;
   static constexpr int32_t kMaxFactor = 1 << 18;  // 4
-  // With 5, 10 and 20 % of the markers lost, the rms error of shear at filled nodes is 1.6, 1.7 and 2.2 times that with
-  // all markers; at other nodes it grows by at most 1.3, and pressure is unaffected (host/ruffini/fem/DESIGN.md, "Lost
-  // markers").
-  static constexpr int32_t kFilledShear = 2;
-  // Of nodes whose depth is filled: in a hole of 3.3 mm (development contacts) two thirds of the errors are
-  // below 2.8 of the sigma of measured nodes, 95 % below 6.7. Cautious for a single node.
-  static constexpr int32_t kFilledNormal = 3;
+  // Halves. In a hole of 3.3 mm and beside it (development contacts) these cover 74, 94 % of the shear and 70, 94 % of
+  // the normal forces within one and two sigma. Of single lost markers the rms error of shear at filled nodes is 1.6 to
+  // 2.2 times that with all markers, at others at most 1.3 times (host/ruffini/fem/DESIGN.md, "Lost markers").
+  static constexpr int32_t kFilledShear = 5;
+  static constexpr int32_t kFilledNormal = 8;
+  static constexpr int32_t kBesideFilled = 3;
 
   // Loads the tensors support.error_reported, _quiet and _local. threshold_lsb: T in steps, above zero. stiffness_q20:
   // s, at most one half.
@@ -80,6 +80,8 @@ class NodeSigmaModel {
   [[nodiscard]] Box forced(std::span<const NodeForce> force) const;
   [[nodiscard]] Box grown(const Box& box, int reach) const;
   [[nodiscard]] Neighbours neighbours_of(std::span<const NodeForce> force, int x, int y) const;
+  // Multiplies the sigmas at filled nodes and beside them.
+  void grow_filled(std::span<const uint8_t> filled, std::span<NodeSigma> sigma) const;
   // Computes r^2 of the nodes in `loud`. Precondition: there is no force outside it.
   void find_roughness(std::span<const NodeForce> force, const Box& loud);
   [[nodiscard]] int32_t sigma_of(const Axis& axis, const Neighbours& around, size_t component) const;

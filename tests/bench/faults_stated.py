@@ -3,9 +3,12 @@
     python tests/bench/faults_stated.py --table docs/results/accuracy.md
 
 Contacts that nothing was chosen on. Errors are with the pad's own material, shares on the pads of coverage.py, whose
-material is off by what a fit leaves; in rows "not fitted" both are on the pad that is off, in the row of finite strain
-both on the pad's own material. The board's integers get nodes, not pictures, so flags are not judged. --table replaces
-the rows of that document's section SECTION. The first time, finite strain takes a quarter of an hour of one core.
+material is off by what a fit leaves. In rows "not fitted" errors are on the pad that is off; a sigma speaks of many
+pads, so shares are on pads that are off either way, with E drawn as the board states it (pad.stiffness_sigma_1e3); in
+the row of E all of an unmeasured pad is off. At finite strain both are on the pad's own material. The calibration knows
+the noise as `cal fit` measures it, its correlation too. The board's integers get nodes, not pictures, so flags are not
+judged. --table replaces the rows of that document's section SECTION. The first time, finite strain takes a quarter of
+an hour of one core.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from ruffini.bench.bad_nodes import BadNodes
 from ruffini.bench.coverage import RESIDUAL_ERRORS, WRENCH_AXES, Coverage, Stated, drawn_modulus
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import MODEL_ERRORS, Methods, Scores
-from ruffini.bench.states import FRESH, LIGHT_N, State, make_states
+from ruffini.bench.states import LIGHT_N, UNSEEN, State, make_states
 from ruffini.boards import find_board
 from ruffini.estimators.operator.gauge import gauge_nodes
 from ruffini.files import write_whole
@@ -50,6 +53,14 @@ HOLE_MM = 3.3
 CORRELATION_NODES = float(np.sqrt(-1 / (4 * np.log(BESIDE))))
 
 
+def opposite(error: PadError) -> PadError:
+    """As far off the other way, with the board's modulus."""
+    return PadError(poisson=2 - error.poisson, thickness=2 - error.thickness)
+
+
+AS_CAST = tuple(one for error in MODEL_ERRORS.values() if error.modulus == 1.0 for one in (error, opposite(error)))
+
+
 @dataclass(frozen=True)
 class Fault:
     """What happens to the true displacement (n_y, n_x, 3) m; wrong: the pad's error, where no material was fitted."""
@@ -58,6 +69,7 @@ class Fault:
     observe: Callable[[Array, Methods, np.random.Generator], Array]
     wrong: PadError | None = None
     strain: Strain = "linear"  # of the truth, and of what the board is calibrated for
+    correlation_nodes: float = 0.0  # of the noise, known to the board
 
 
 def _with(disturbance: Disturbance) -> Callable[[Array, Methods, np.random.Generator], Array]:
@@ -81,7 +93,7 @@ WHITE = _with(Disturbance(WHITE_UM))
 CORRELATED = _with(Disturbance(correlated_um=WHITE_UM, correlation_nodes=CORRELATION_NODES))
 FAULTS = (
     Fault("none", WHITE),
-    Fault(f"correlation of {BESIDE} with the next node", CORRELATED),
+    Fault(f"correlation of {BESIDE} with the next node", CORRELATED, correlation_nodes=CORRELATION_NODES),
     Fault(f"{HOLE_MM} mm under the contact not measured", _hole),
     Fault("depth off by any constant, zeroed at the rim", _zeroed),
     *(Fault(f"{name}, not fitted", WHITE, error) for name, error in MODEL_ERRORS.items()),
@@ -92,7 +104,7 @@ FAULTS = (
 @cache
 def on_pad(board: str, error: PadError | None, strain: Strain = "linear") -> list[State]:
     """The contacts that are heavy enough, on one pad of a board; None: as the board has it."""
-    made = make_states(find_board(board), FRESH, DEPTHS_MM, error, truth=strain)
+    made = make_states(find_board(board), UNSEEN, DEPTHS_MM, error, truth=strain)
     return [s for s in made if s.resultant_n >= LIGHT_N]
 
 
@@ -101,6 +113,16 @@ def on_fitted_pads(board: str) -> list[State]:
     states = [s for error in RESIDUAL_ERRORS for s in on_pad(board, error)]
     rng = np.random.default_rng(SEED)
     return [replace(s, force=drawn_modulus(rng) * s.force) for s in states]
+
+
+def on_pads_as_stated(board: str, wrong: PadError) -> list[State]:
+    """On four pads that were not measured: Poisson's ratio or thickness is off as much as this one's, either way.
+
+    Of a pad whose modulus is wrong, AS_CAST. The modulus is drawn for each contact as the board states it.
+    """
+    pads = AS_CAST if replace(wrong, modulus=1.0) == PadError() else 2 * (wrong, opposite(wrong))
+    rng, sigma = np.random.default_rng(SEED), find_board(board).pad.stiffness_sigma_1e3 * 1e-3
+    return [replace(s, force=drawn_modulus(rng, sigma) * s.force) for error in pads for s in on_pad(board, error)]
 
 
 def judge(methods: Methods, fault: Fault) -> list[str]:
@@ -116,8 +138,11 @@ def judge(methods: Methods, fault: Fault) -> list[str]:
     for i, state in enumerate(same):
         scores.add(state, stated(i, state).force, methods.step_mm)
     counted = Coverage(methods.places, board.field.force_lsb_un * 1e-6, board.contact.threshold_un * 1e-6)
-    is_same = not is_fitted or fault.strain == "finite"
-    for i, state in enumerate(same if is_same else on_fitted_pads(board.name)):
+    if fault.wrong is not None:
+        pads = on_pads_as_stated(board.name, fault.wrong)
+    else:
+        pads = same if fault.strain == "finite" else on_fitted_pads(board.name)
+    for i, state in enumerate(pads):
         counted.add(stated(i, state), state.force)
     means, columns = scores.means(), counted.summary()
 
@@ -139,9 +164,9 @@ def main(words: list[str] | None = None) -> int:
     at, date = commit(JUDGED), datetime.date.today().isoformat()
     if not (faults := [one for one in FAULTS if given.only in one.name]):
         parser.error(f"--only {given.only}: no fault has this in its name: {', '.join(one.name for one in FAULTS)}")
-    for strain in dict.fromkeys(one.strain for one in faults):
-        with contextlib.closing(Methods(find_board(given.board), strain)) as methods:
-            for fault in (one for one in faults if one.strain == strain):
+    for key in dict.fromkeys((one.strain, one.correlation_nodes) for one in faults):
+        with contextlib.closing(Methods(find_board(given.board), key[0], correlation_nodes=key[1])) as methods:
+            for fault in (one for one in faults if (one.strain, one.correlation_nodes) == key):
                 row = f"| {' | '.join((*judge(methods, fault), at, date))} |"
                 print(row, flush=True)
                 if given.table is not None:

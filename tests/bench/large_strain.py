@@ -68,7 +68,7 @@ Array = npt.NDArray[np.float64]
 Estimate = Callable[[Array], Array]
 
 DEPTHS_MM = (0.6, 1.0, 1.5)
-NOISE = Noise((5e-6, 5e-6, 20e-6))
+NOISE = Noise((5e-6, 5e-6, 20e-6), correlation_nodes=0.0)
 # What is fitted on: down to a depth, aside and round (mm, radian), deeper, aside: a state after each way.
 PRESSES: tuple[tuple[Touch, tuple[tuple[float, float, float], ...]], ...] = (
     (Touch("sphere", 7, -1.3, 1.2), ((0, 0, 0),) * 3),
@@ -145,10 +145,11 @@ def growth(board: Board, presses: list[list[State]], weights_for: Callable[[list
     """
     step_n, places = board.field.force_lsb_un * 1e-6, node_places(board_slab(board), board.observed)
     fitted_pad = make_operator(
-        board, method="support", noise=NOISE, n_touches=N_TOUCHES, is_finite=True, stiffness_sigma=0.0
+        board, method="support", noise=NOISE, n_touches=N_TOUCHES, is_finite=True, is_fitted=True
     )  # its own error is in the error model
     rng, noise = np.random.default_rng(SEED), Disturbance(white_um=WHITE_UM)
-    ratios: dict[str, list[Array]] = {name: [] for name in vars(FITTED_GROWTH)}
+    ratios: dict[str, list[Array]] = {name: [] for name in ("shear", "normal", "wrench")}
+    leaks: list[tuple[Array, Array, float]] = []  # errors of fx and fy, their variances, fz
     for i, left_out in enumerate(presses):
         weights = weights_for([state for press in presses[:i] + presses[i + 1 :] for state in press])
         with contextlib.closing(_pipeline(board, weighted(board, fitted_pad, weights))) as pipeline:
@@ -161,11 +162,16 @@ def growth(board: Board, presses: list[list[State]], weights_for: Callable[[list
                 ratio = (error / (sigma.reshape(error.shape) * step_n))[chosen]
                 ratios["shear"].append(ratio[:, :2].ravel())
                 ratios["normal"].append(ratio[:, 2])
-                wrench_sigma = np.sqrt(np.diag(full_covariance(upper)))
-                ratios["wrench"].append(places.wrench(error, np.zeros(2)) / wrench_sigma)
+                of_wrench, variance = places.wrench(error, np.zeros(2)), np.diag(full_covariance(upper))
+                ratios["wrench"].append((of_wrench / np.sqrt(variance))[2:])
+                leaks.append((of_wrench[:2], variance[:2], float(state.force[..., 2].sum())))
     now = vars(error_growth(board_slab(board)))  # the sigmas have it already
     found = {name: np.concatenate(parts) for name, parts in ratios.items()}
-    return ErrorGrowth(**{n: float(now[n] * fit_variance(np.ones((len(r), 1)), r)[0]) for n, r in found.items()})
+    more = {n: float(fit_variance(np.ones((len(r), 1)), r)[0]) for n, r in found.items()}
+    pressing = np.repeat([fz for *_, fz in leaks], 2)
+    known = more["wrench"] * (np.concatenate([v for _, v, _ in leaks]) - (now["crosstalk"] * pressing) ** 2)
+    crosstalk = fit_variance(pressing[:, None] ** 2, np.concatenate([e for e, _, _ in leaks]), np.maximum(known, 0))
+    return ErrorGrowth(**{n: now[n] * m for n, m in more.items()}, crosstalk=float(np.sqrt(crosstalk[0])))
 
 
 def fit(board: Board, states: list[State]) -> Weights:

@@ -16,6 +16,7 @@ from mirror.uncertainty import (
     QUIET,
     REPORTED,
     ErrorTables,
+    filled_force,
     node_sigma,
     touches_of,
     wrench_covariance,
@@ -40,7 +41,8 @@ Tensors = dict[str, npt.NDArray[np.generic]]
 FEW_NODES = board_with_all_stages(2)
 TEXT = FEW_NODES.replace("n_x = 9\nn_y = 7", "n_x = 41\nn_y = 31")
 STIFFNESS = "support.stiffness_sigma_1e6"
-NAMES = ("reported", "quiet", "local", "wrench")
+NEEDED = ("reported", "quiet", "local", "wrench")
+NAMES = (*NEEDED, "crosstalk")
 NOT_MEASURED = -32768  # any component of a node
 
 
@@ -72,10 +74,12 @@ def drawn(rng: np.random.Generator, *, largest: bool) -> Tensors:
         "quiet": rng.integers(256, 1 << 31, (2, QUIET)),
         "local": rng.integers(0, (1 << 18) + 1, (2, 4)),
         "wrench": rng.integers(low, high + 1, (4, 2)),
+        "crosstalk": rng.integers(0, (1 << 20) + 1, 1),
     }
     if largest:
         tables = {"reported": np.full((2, REPORTED), (1 << 31) - 1), "quiet": np.full((2, QUIET), (1 << 31) - 1),
-                  "local": np.full((2, 4), 1 << 18), "wrench": np.repeat(high, 2, axis=1)}  # fmt: skip
+                  "local": np.full((2, 4), 1 << 18), "wrench": np.repeat(high, 2, axis=1),
+                  "crosstalk": np.array([1 << 20])}  # fmt: skip
     return {f"support.error_{name}": tables[name].astype(np.int32) for name in NAMES}
 
 
@@ -94,8 +98,8 @@ def expected(
     threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
     is_filled = np.zeros(mask.shape, np.uint8) if is_filled is None else is_filled
     sigma = node_sigma(errors, steps, is_filled, mask.shape, threshold)
-    of_touched = (int((mask > 0).sum()), *(int((is_filled[mask > 0] >= least).sum()) for least in (1, 2)))
-    covariance = wrench_covariance(errors, board, wrench(board, steps), touches[:LISTED], len(touches), of_touched)
+    of_filled = filled_force(board, steps, is_filled)
+    covariance = wrench_covariance(errors, board, wrench(board, steps), touches[:LISTED], len(touches), of_filled)
     return sigma, covariance, len(touches)
 
 
@@ -232,7 +236,7 @@ def test_integers_follow_the_float_model(base: tuple[Tensors, dict[str, str]]) -
     rng = np.random.default_rng(9)
     node = NodeError(rng.uniform(20, 5e4, (2, REPORTED)), rng.uniform(20, 5e4, (2, QUIET)), rng.uniform(0, 0.3, (2, 4)))
     wrench_error = WrenchError(
-        np.array([2e-3, 7e-3]), np.array([8e-6, 2e-6]), np.array([20e-6, 4e-6]), np.array([0.02, 0.03])
+        np.array([2e-3, 7e-3]), np.array([8e-6, 2e-6]), np.array([20e-6, 4e-6]), np.array([0.02, 0.03]), 3e-3
     )
     tables = error_tensors(ErrorModel(node, wrench_error))
     threshold = board["contact"]["threshold_un"] / board["field"]["force_lsb_un"]
@@ -267,21 +271,22 @@ def test_without_an_error_model_nothing_is_stated(base: tuple[Tensors, dict[str,
 BAD = (
     ("reported", (1, 3), 255), ("reported", (0, 0), -1), ("quiet", (0, 6), 0), ("local", (1, 2), (1 << 18) + 1),
     ("local", (0, 0), -1), ("wrench", (0, 1), 99), ("wrench", (0, 0), (1 << 20) + 1), ("wrench", (1, 1), 0),
-    ("wrench", (2, 0), -1), ("wrench", (3, 1), (1 << 20) + 1),
+    ("wrench", (2, 0), -1), ("wrench", (3, 1), (1 << 20) + 1), ("crosstalk", (0,), -1),
+    ("crosstalk", (0,), (1 << 20) + 1),
 )  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "at", "value"), BAD)
 def test_tables_out_of_range_are_refused(
-    base_of_few: tuple[Tensors, dict[str, str]], name: str, at: tuple[int, int], value: int
+    base_of_few: tuple[Tensors, dict[str, str]], name: str, at: tuple[int, ...], value: int
 ) -> None:
     tables = drawn(np.random.default_rng(1), largest=False)
     tables[f"support.error_{name}"][at] = value
-    with pytest.raises(InputError, match="states no error or one out of range"):
+    with pytest.raises(InputError, match="out of range: make the operator again"):
         open_with(base_of_few, tables)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", NEEDED)
 def test_tables_of_another_size_or_missing_are_refused(base_of_few: tuple[Tensors, dict[str, str]], name: str) -> None:
     tables = drawn(np.random.default_rng(1), largest=False)
     full = f"support.error_{name}"

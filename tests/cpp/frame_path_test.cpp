@@ -332,7 +332,8 @@ TEST(FramePath, ALostMarkerMakesShearLessSureThereAndLeavesTheForceNearWhatItWas
     EXPECT_NEAR(fewer.solve.force[i].x, whole.solve.force[i].x, limit) << i;
     EXPECT_NEAR(fewer.uncertainty.node[i].z, whole.uncertainty.node[i].z, limit) << i;
     const double growth = fewer.uncertainty.node[i].x / static_cast<double>(whole.uncertainty.node[i].x);
-    EXPECT_NEAR(growth, is_there ? 2 : 1, 0.1) << i;
+    const bool is_beside = std::abs(static_cast<int>(i % 17) - 8) <= 1 && std::abs(static_cast<int>(i / 17) - 6) <= 1;
+    EXPECT_NEAR(growth, is_there ? 2.5 : is_beside ? 1.5 : 1, 0.1) << i;
   }
   EXPECT_GT(whole.solve.force[middle].x, 20'000);  // 200 um x 8 x 20
   EXPECT_GT(fewer.covariance.wrench.upper[0], whole.covariance.wrench.upper[0]);

@@ -25,7 +25,9 @@ class UncertaintyStage final : public Stage {
  public:
   explicit UncertaintyStage(const StageContext& c)
       : pad_(c.board.pad),
-        nodes_(NodeGrid(c.board).size()),
+        grid_(c.board),
+        nodes_(grid_.size()),
+        force_lsb_un_(c.board.force_lsb_un),
         threshold_lsb_(contact_threshold_lsb(c.board.contact.threshold_un, c.board.force_lsb_un)),
         camera_motion_(nodes_),
         solve_(c.slots.read<Slot::kNodeForces>()),
@@ -59,7 +61,8 @@ class UncertaintyStage final : public Stage {
     if (camera_motion_.has_moved(solve_.residual_at_sides, solve_.mask, wrench_.sum)) frame.flags |= kFlagFeatures;
     const std::span<const uint8_t> filled = displacement_.filled;
     node_error_->run(solve_.force, filled, uncertainty_.node);
-    covariance_.wrench = wrench_error_->run(wrench_.sum, contacts_, count_touched(solve_.mask, filled));
+    covariance_.wrench =
+        wrench_error_->run(wrench_.sum, contacts_, sum_filled(grid_, solve_.force, filled, force_lsb_un_));
   }
 
   void judge(uint32_t& flags) override {
@@ -68,7 +71,9 @@ class UncertaintyStage final : public Stage {
 
  private:
   PadSettings pad_;
+  NodeGrid grid_;
   GridSize nodes_;
+  int64_t force_lsb_un_;
   int64_t threshold_lsb_;
   CameraMotion camera_motion_;
   std::optional<NodeSigmaModel> node_error_;

@@ -95,9 +95,9 @@ class Coverage:
         return {name: tally.summary() for name, tally in self.columns.items()}
 
 
-def drawn_modulus(rng: np.random.Generator) -> float:
-    """A pad's modulus over the fitted one, as a fit leaves it."""
-    return 1 + RESIDUAL_MODULUS * float(np.clip(rng.normal(), -2.5, 2.5))
+def drawn_modulus(rng: np.random.Generator, sigma: float = RESIDUAL_MODULUS) -> float:
+    """A pad's modulus over the assumed one; by default as a fit leaves it."""
+    return 1 + sigma * float(np.clip(rng.normal(), -2.5, 2.5))
 
 
 def judge(

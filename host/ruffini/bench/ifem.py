@@ -7,8 +7,8 @@ not judged. "default" is what the board computes: the integers of the compiled t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -104,27 +104,30 @@ class Methods:
     """Each method: displacement (n_y, n_x, 3) m -> nodal force (n_y, n_x, 3) N, of a board whose window is its pad.
 
     "default" adds what finite strain makes where the `truth` is at finite strain; "default, linear" does not.
+    correlation_nodes: of the noise, where the calibration knows it (`fem.operators.Noise`).
     """
 
-    def __init__(self, board: Board, truth: Strain = "linear", *, progress: Progress = lambda _: None) -> None:
+    def __init__(
+        self, board: Board, truth: Strain = "linear", *, correlation_nodes: float | None = None,
+        progress: Progress = lambda _: None,
+    ) -> None:  # fmt: skip
         self.board = board
         self.shape = (board.grid.n_y, board.grid.n_x, 3)
         slab = board_slab(board)
         self.places = node_places(slab, board.observed)
         self._condensed = condense(slab)
-        noise = Noise((5e-6, 5e-6, 20e-6))
+        noise = Noise((5e-6, 5e-6, 20e-6), correlation_nodes=correlation_nodes)
         linear = make_operator(board, method="optimal", noise=noise)
         progress(0.3)
-        default = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES)
+        made = partial(make_operator, board, method="support", noise=noise, n_touches=N_TOUCHES)
+        default = made(is_fitted=True)
         progress(0.6)
         self._linear_pipeline = _pipeline(board, default)
         self._pipeline = self._linear_pipeline
-        usual = {"support.stiffness_sigma_1e6": "0"}  # a fitted pad errs as the error model has it
-        self._fitted = {"linear": _pipeline(board, replace(default, metadata={**default.metadata, **usual}))}
+        self._fitted = {"linear": self._linear_pipeline}
+        self._not_fitted = cache(lambda: _pipeline(board, made()))
         if truth == "finite":
-            finite = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES, is_finite=True)
-            self._pipeline = _pipeline(board, finite)
-            self._fitted["finite"] = _pipeline(board, replace(finite, metadata={**finite.metadata, **usual}))
+            self._pipeline = self._fitted["finite"] = _pipeline(board, made(is_fitted=True, is_finite=True))
         assert default.support is not None
         self._second_pass = second_pass(board, default.matrix, default.support)
         self._linear = linear.matrix
@@ -139,11 +142,10 @@ class Methods:
         progress(1.0)
 
     def close(self) -> None:
-        self._linear_pipeline.close()
         for pipeline in self._fitted.values():
             pipeline.close()
-        if self._pipeline is not self._linear_pipeline:
-            self._pipeline.close()
+        if self._not_fitted.cache_info().currsize:
+            self._not_fitted().close()
 
     def tune(self, states: list[State], disturbance: Disturbance, rng: np.random.Generator) -> None:
         """Each baseline's own best weight on these states: least sum of tangential and normal error."""
@@ -191,7 +193,7 @@ class Methods:
 
         strain: what a board with a fitted material is calibrated for; "finite" only where the truth is.
         """
-        pipeline = self._fitted[strain] if is_fitted else self._linear_pipeline
+        pipeline = self._fitted[strain] if is_fitted else self._not_fitted()
         force = self._as_the_board(pipeline, u)
         sigma, upper = pipeline.sigma()
         sigma_n: Array = sigma * np.float64(self.board.field.force_lsb_un * 1e-6)

@@ -114,6 +114,37 @@ FRESH = (
     Recipe("ball and square", (Touch("sphere", 5, -3.9, -1.2), Touch("square", 1.5, 3.7, 0.9, shift=(0.0, 0.1)))),
 )  # fmt: skip
 
+# On all lists above the growth of the stated uncertainty was chosen (fem.finite_strain.LINEAR_GROWTH), ...
+MORE = (
+    Recipe("ball", (Touch("sphere", 5.2, -2.3, 2.9),)),
+    Recipe("ball sheared", (Touch("sphere", 7.6, 2.4, -1.1, shift=(0.11, 0.07)),)),
+    Recipe("ball sliding", (Touch("sphere", 5.8, -3.3, -2.1, shift=(0.5, -0.8)),)),
+    Recipe("ball turned", (Touch("sphere", 8.4, 0.7, 1.6, turn=0.15),)),
+    Recipe("flat", (Touch("flat", 1.9, 3.6, -2.2),)),
+    Recipe("flat sheared", (Touch("flat", 2.7, -1.5, -1.3, shift=(0.08, -0.14)),)),
+    Recipe("square", (Touch("square", 2.2, -2.9, 0.3),)),
+    Recipe("square twisted", (Touch("square", 1.8, 1.6, 2.2, turn=-0.09),)),
+    Recipe("triangle", (Touch("triangle", 2.0, 2.1, -0.9, shift=(-0.1, 0.06)),)),
+    Recipe("cylinder sheared", (Touch("cylinder", 2.3, 1.1, 0.8, shift=(0.13, 0.0)),)),
+    Recipe("cone", (Touch("cone", 2.8, -1.9, -1.6),)),
+    Recipe("two balls", (Touch("sphere", 4.6, -4.1, 1.4), Touch("sphere", 5.4, 3.8, -1.7, shift=(0.0, -0.12)))),
+)  # fmt: skip
+# ... and on these, which nothing was chosen on, it is judged.
+UNSEEN = (
+    Recipe("ball", (Touch("sphere", 6.3, 3.4, 1.2),)),
+    Recipe("ball sheared", (Touch("sphere", 5.1, -2.9, -2.6, shift=(-0.13, 0.04)),)),
+    Recipe("ball sliding", (Touch("sphere", 7.2, -1.2, 2.3, shift=(0.9, 0.3)),)),
+    Recipe("ball dragged", (Touch("sphere", 8.7, 1.7, -1.9, shift=(0.05, 0.3)),)),
+    Recipe("flat", (Touch("flat", 2.4, 2.6, 2.4),)),
+    Recipe("flat twisted", (Touch("flat", 2.1, -3.1, -0.8, turn=-0.11),)),
+    Recipe("square", (Touch("square", 2.0, -1.6, 1.9),)),
+    Recipe("square sheared", (Touch("square", 1.6, 2.8, -2.3, shift=(-0.07, 0.11)),)),
+    Recipe("triangle twisted", (Touch("triangle", 2.3, 0.6, 1.1, turn=0.12),)),
+    Recipe("cylinder", (Touch("cylinder", 1.8, 0.4, -0.5),)),
+    Recipe("cone", (Touch("cone", 3.2, -2.4, 1.3),)),
+    Recipe("ball and flat", (Touch("sphere", 4.8, 3.6, -1.4), Touch("flat", 1.7, -3.9, 1.6, shift=(0.06, -0.08)))),
+)  # fmt: skip
+
 
 def make_states(
     board: Board,

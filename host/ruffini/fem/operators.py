@@ -36,19 +36,23 @@ class Noise:
     Parameters
     ----------
     sigma_m : (3,) floats
-        Standard deviation of the white part along x, y, z.
+        Standard deviation of the part that varies from node to node, along x, y, z.
     gauge_m : float
         Standard deviation of one constant added to every u_z: the free constant of the depth.
     tilt_m : float
         Standard deviation, at the edge of the pad, of a plane added to u_z.
+    correlation_nodes : float, optional
+        Correlation length l of that part in node steps: exp(-d^2 / (4 l^2)) between nodes d steps apart; 0 is
+        white. Operators take the noise as white; the error model of the wrench needs it. None: not known.
     """
 
     sigma_m: tuple[float, float, float]
     gauge_m: float = 0.0
     tilt_m: float = 0.0
+    correlation_nodes: float | None = None
 
     def __post_init__(self) -> None:
-        values = (*self.sigma_m, self.gauge_m, self.tilt_m)
+        values = (*self.sigma_m, self.gauge_m, self.tilt_m, self.correlation_nodes or 0.0)
         if not all(np.isfinite(v) and v >= 0 for v in values) or min(self.sigma_m) <= 0:
             raise InputError(f"noise must be finite and, along x, y, z, above zero, got {values}")
 

@@ -41,7 +41,7 @@ DEPTH_M = (0.3e-3, 1.1e-3)  # of the deepest place, log-uniform
 class MaterialSpread:
     """Standard deviations of what a pad really is against what its operator was made for, as fractions.
 
-    What `ruffini cal fit --only material` leaves: 1 to 2 % of each.
+    By default what `ruffini cal fit --only material` leaves: 1 to 2 % of each.
     """
 
     modulus: float = 0.015
@@ -54,6 +54,10 @@ class MaterialSpread:
         poisson = [min(slab.poisson * (1 + sign * off * self.poisson), HIGHEST_POISSON) for sign in (-1, 1)]
         thickness = [slab.thickness_m * (1 + sign * off * self.thickness) for sign in (-1, 1)]
         return [*(replace(slab, poisson=p) for p in poisson), *(replace(slab, thickness_m=t) for t in thickness)]
+
+
+# A pad that was not measured. Its modulus is in `pad.stiffness_sigma_1e3`, which the board adds.
+AS_CAST = MaterialSpread(poisson=0.02, thickness=0.05)
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,12 @@ under an edged contact, small under a ball), w = clamp(-f_z / T, 0, 1) as in the
 its variance from the largest pressure beside it and from m: what an edge, or far away a faint touch, may hide.
 
 The wrench's error is, for each contact about its own centre of pressure, a constant part and a part proportional to the
-pressing force (the lever: how far off the centre of pressure is), and for all contacts together a common factor of the
-shear and one of the pressure. Beside these, the whole wrench w errs with the pad's stiffness: s^2 w w^T is added. The
-fitted terms hold what a material known to 1 or 2 % makes (`touches.MaterialSpread`), s what is known of this pad: the
-board's `stiffness_sigma_1e3`, or what `cal fit --only material` leaves. The board does all of it in integers
-(firmware/solve/node_sigma.h, firmware/estimators/wrench_covariance.h). Not in the paper.
+pressing force (of a moment the lever: how far off the centre of pressure is; of shear the crosstalk), and for all
+contacts together a common factor of the shear and one of the pressure. Beside these, the whole wrench w errs with the
+pad's stiffness: s^2 w w^T is added. The fitted terms hold what a material known to 1 or 2 % makes
+(`touches.MaterialSpread`), s what is known of this pad: the board's `stiffness_sigma_1e3`, or what `cal fit --only
+material` leaves. The board does all of it in integers (firmware/solve/node_sigma.h,
+firmware/estimators/wrench_covariance.h). Not in the paper.
 """
 
 from __future__ import annotations
@@ -63,16 +64,18 @@ class WrenchError:
     force_n : (2,) shear and normal, N; moment_nm : (2,) about x or y, and about z, N m
     lever_m : (2,) the same moments over the pressing force, m
     factor : (2,) common relative error of all shear, and of all pressure
+    crosstalk : error of a contact's shear, x and y each, over its pressing force
     """
 
     force_n: Array
     moment_nm: Array
     lever_m: Array
     factor: Array
+    crosstalk: float
 
-    def report(self) -> dict[str, list[float]]:
+    def report(self) -> dict[str, float | list[float]]:
         """As JSON holds it."""
-        return {name: [float(v) for v in values] for name, values in vars(self).items()}
+        return {name: np.asarray(values).tolist() for name, values in vars(self).items()}
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,7 @@ def wrench_covariance(
 
 def _own_variance(model: WrenchError, force_z_n: float) -> Array:
     force = np.square(model.force_n)[[0, 0, 1]]
+    force[:2] += (model.crosstalk * force_z_n) ** 2
     moment = (np.square(model.moment_nm) + np.square(model.lever_m * force_z_n))[[0, 0, 1]]
     return np.concatenate([force, moment])
 
@@ -189,17 +193,19 @@ def fit_wrench_error(samples: list[WrenchSample]) -> WrenchError:
     wrench, error = (np.array([getattr(s, name) for s in samples]) for name in ("wrench", "error"))
     one, none, pressing = np.ones(len(wrench)), np.zeros(len(wrench)), wrench[:, 2]
 
-    def fit(axes: tuple[int, ...], unit: float, proportional: list[Array], known: Array = none) -> Array:
-        design = np.concatenate([np.stack([unit**2 * one, p**2], axis=1) for p in proportional])
+    def fit(axes: tuple[int, ...], unit: float, proportional: list[tuple[Array, ...]], known: Array = none) -> Array:
+        design = np.concatenate([np.stack([unit * one, *parts], axis=1) ** 2 for parts in proportional])
         errors = np.concatenate([error[:, i] for i in axes])
-        return np.sqrt(fit_variance(design, errors, np.tile(known, len(axes)))) * [unit, 1]
+        found = np.sqrt(fit_variance(design, errors, np.tile(known, len(axes))))
+        return np.concatenate([[unit * found[0]], found[1:]])
 
-    shear, normal = fit((0, 1), 1e-3, [wrench[:, 0], wrench[:, 1]]), fit((2,), 1e-3, [pressing])
-    bending = fit((3, 4), 1e-6, [pressing, pressing])
-    torsion = fit((5,), 1e-6, [pressing], (shear[1] * wrench[:, 5]) ** 2)
-    force_n, factor = np.stack([shear, normal], axis=1)
+    constant, factor, crosstalk = fit((0, 1), 1e-3, [(wrench[:, 0], pressing), (wrench[:, 1], pressing)])
+    normal = fit((2,), 1e-3, [(pressing,)])
+    bending = fit((3, 4), 1e-6, [(pressing,), (pressing,)])
+    torsion = fit((5,), 1e-6, [(pressing,)], (factor * wrench[:, 5]) ** 2)
+    force_n, factors = np.stack([[constant, factor], normal], axis=1)
     moment_nm, lever_m = np.stack([bending, torsion], axis=1)
-    return WrenchError(force_n, moment_nm, lever_m, factor)
+    return WrenchError(force_n, moment_nm, lever_m, factors, float(crosstalk))
 
 
 def fit_variance(design: Array, error: Array, known: Array | float = 0.0) -> Array:

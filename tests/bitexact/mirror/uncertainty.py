@@ -19,6 +19,7 @@ LARGEST_PLACE = 1 << 17
 REPORTED, QUIET = 12, 7
 LISTED, MOST_UNLISTED = 8, 16
 FULL = 128
+X, Y, Z = range(3)
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class ErrorTables:
     quiet: npt.NDArray[np.int32]  # (2, 7) steps^2 Q8
     local: npt.NDArray[np.int32]  # (2, 4) Q16
     wrench: npt.NDArray[np.int32]  # (4, 2)
+    crosstalk: npt.NDArray[np.int32]  # (1,) Q20
     stiffness_q20: int = 0  # relative standard deviation of the pad's stiffness
 
 
@@ -70,8 +72,26 @@ def node_sigma(
         local += by_contrast * ((weight * contrast + 64) >> 7)
         local += by_step * int(step[y, x, c]) ** 2
         local += by_rough * ((weight * int(rough[y, x]) + 64) >> 7)
-        out[y, x, c] = max((isqrt(variance + (local >> 8)) + 8) >> 4, 1) * ((2, 3)[axis] if filled[y, x] > axis else 1)
+        sigma = max((isqrt(variance + (local >> 8)) + 8) >> 4, 1)
+        near = filled[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
+        halves = (5, 8)[axis] if filled[y, x] > axis else 3 if near.max() > axis else 2
+        out[y, x, c] = (sigma * halves + 1) // 2
     return out.reshape(-1, 3)
+
+
+def filled_force(board: Board, force: I64, filled: npt.NDArray[np.uint8]) -> list[int]:
+    """Sums of |fx|, |fy|, |fz| (uN) and of y |fx|, x |fy|, y |fz|, x |fz| (uN um) over `filled` nodes."""
+    size = np.abs(force.reshape(*filled.shape, 3)) * np.array([filled > 0, filled > 0, filled > 1]).transpose(1, 2, 0)
+    x, size_x, steps_x = grid_steps(board, "x")
+    y, size_y, steps_y = grid_steps(board, "y")
+    lsb = board["field"]["force_lsb_un"]
+
+    def arm(c: int, along: int) -> int:
+        if along == X:
+            return to_um(int((size[..., c] * x[None, :]).sum()) * lsb, size_x, steps_x)
+        return to_um(int((size[..., c] * y[:, None]).sum()) * lsb, size_y, steps_y)
+
+    return [*(int(t) * lsb for t in size.sum(axis=(0, 1))), arm(X, Y), arm(Y, X), arm(Z, Y), arm(Z, X)]
 
 
 def touches_of(board: Board, mask: I64, force: I64) -> list[Touch]:
@@ -119,31 +139,32 @@ def wrench_covariance(
     wrench: list[int],
     touches: list[Touch],
     n_found: int,
-    of_touched: tuple[int, int, int] = (0, 0, 0),
+    of_filled: list[int],
 ) -> I64:
     """(21,) upper triangle by rows, (uN, uN mm)^2; `touches` are the listed ones.
 
-    `of_touched`: number of touched nodes, of those that are filled, of those whose depth is.
+    `of_filled`: of `filled_force`.
     """
     (shear, normal), moment, lever, factor = ([int(v) for v in row] for row in tables.wrench)
-    n_touched, n_filled, n_of_depth = of_touched
-    if n_filled:
-        by_shear, by_pressure = (isqrt(((n_touched + 6 * n) << 16) // n_touched) for n in (n_filled, n_of_depth))
-        shear, moment[1], lever[1] = ((v * by_shear + 128) >> 8 for v in (shear, moment[1], lever[1]))
-        normal, moment[0], lever[0] = ((v * by_pressure + 128) >> 8 for v in (normal, moment[0], lever[0]))
     vectors: list[tuple[int, list[int]]] = []
 
-    def part(factor_q20: int, reading: int) -> int:
-        return _limited((factor_q20 * _limited(reading, LARGEST_READING) + (1 << 19)) >> 20)
+    def part(factor: int, reading: int, fraction: int = 20) -> int:
+        return _limited((factor * _limited(reading, LARGEST_READING) + (1 << (fraction - 1))) >> fraction)
 
     fx, fy, fz, tx, ty, tz = [*wrench[:3], *(_rounded(t, 1000) for t in wrench[3:])]
     vectors.append((1, [part(factor[0], v) for v in (fx, fy, 0, 0, 0, tz)]))
     vectors.append((1, [part(factor[1], v) for v in (0, 0, fz, tx, ty, 0)]))
     vectors.append((1, [part(tables.stiffness_q20, v) for v in (fx, fy, fz, tx, ty, tz)]))
+    hole_x, hole_y, hole_z = of_filled[:3]
+    y_of_x, x_of_y, y_of_z, x_of_z = (_rounded(t, 1000) for t in of_filled[3:])
+    vectors.append((1, [part(32, hole_x, 8), 0, 0, 0, 0, -part(32, y_of_x, 8)]))
+    vectors.append((1, [0, part(32, hole_y, 8), 0, 0, 0, part(32, x_of_y, 8)]))
+    vectors.append((1, [0, 0, part(22, hole_z, 8), part(22, y_of_z, 8), -part(22, x_of_z, 8), 0]))
     for touch in touches if n_found else [Touch(0, 0, 0)]:
         x, y = _limited(touch.x_um, LARGEST_PLACE), _limited(touch.y_um, LARGEST_PLACE)
-        vectors.append((1, [shear, 0, 0, 0, 0, _limited(_rounded(-y * shear, 1000))]))
-        vectors.append((1, [0, shear, 0, 0, 0, _limited(_rounded(x * shear, 1000))]))
+        for err in (shear, part(int(tables.crosstalk[0]), touch.force_z_un)):
+            vectors.append((1, [err, 0, 0, 0, 0, _limited(_rounded(-y * err, 1000))]))
+            vectors.append((1, [0, err, 0, 0, 0, _limited(_rounded(x * err, 1000))]))
         arms = [_limited(_rounded(arm * normal, 1000)) for arm in (y, -x)]
         vectors.append((1, [0, 0, normal, *arms, 0]))
         for axis, which in ((3, 0), (4, 0), (5, 1)):

@@ -19,9 +19,12 @@ std::vector<int32_t> parameters(int32_t shear_q20 = 0, int32_t pressure_q20 = 0)
   return {2'000, 7'000, 8'000, 3'000, 20'000, 5'000, shear_q20, pressure_q20};
 }
 
-Result<WrenchErrorModel> load(const std::vector<int32_t>& values, int64_t stiffness_q20 = 0) {
-  const std::vector<uint8_t> bytes =
-      test::CalibrationBytes().meta("kinds", "support").tensor("support.error_wrench", "I32", {4, 2}, values).bytes();
+Result<WrenchErrorModel> load(const std::vector<int32_t>& values, int64_t stiffness_q20 = 0,
+                              const std::vector<int32_t>& crosstalk_q20 = {}) {
+  test::CalibrationBytes file;
+  file.meta("kinds", "support").tensor("support.error_wrench", "I32", {4, 2}, values);
+  if (!crosstalk_q20.empty()) file.tensor("support.error_crosstalk", "I32", {1}, crosstalk_q20);
+  const std::vector<uint8_t> bytes = file.bytes();
   std::vector<uint64_t> storage((bytes.size() + 7) / 8);
   std::memcpy(storage.data(), bytes.data(), bytes.size());
   auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage.data()), bytes.size()});
@@ -107,47 +110,73 @@ TEST(WrenchCovariance, ContactsAddUpAndUnlistedOnesCount) {
   EXPECT_GT(at(more, 4, 4), at(c, 4, 4) + 3 * 100 * 49'000'000LL);  // half the pad is 10 mm
 }
 
-TEST(WrenchCovariance, TheShearOfFilledNodesErrsMore) {
+TEST(WrenchCovariance, AFilledForceErrsWhereItActs) {
   const WrenchErrorModel model = load(parameters()).value();
   const ContactList touch = one_contact(3'000, 0, -1'000'000);
-  const WrenchCovariance whole = model.run({}, touch, {.n = 40, .n_filled = 0});
-  EXPECT_EQ(whole, model.run({}, touch));
-  const WrenchCovariance half = model.run({}, touch, {.n = 40, .n_filled = 20});  // 1 + 6 / 2: twice the sigma
-  for (const auto& [i, j] : {std::pair{0, 0}, {1, 1}, {5, 5}, {1, 5}}) {
-    EXPECT_EQ(at(half, static_cast<size_t>(i), static_cast<size_t>(j)),
-              4 * at(whole, static_cast<size_t>(i), static_cast<size_t>(j)));
-  }
-  for (const size_t pressure : {2U, 3U, 4U}) EXPECT_EQ(at(half, pressure, pressure), at(whole, pressure, pressure));
-  const WrenchCovariance fifth = model.run({}, touch, {.n = 40, .n_filled = 8});
-  EXPECT_NEAR(std::sqrt(static_cast<double>(at(fifth, 0, 0)) / static_cast<double>(at(whole, 0, 0))), 1.48, 0.01);
+  const WrenchCovariance whole = model.run({}, touch);
+  // 0.64 N along x at y = 2 mm and 0.32 N along y at x = -3 mm, of which an eighth errs.
+  const WrenchCovariance shear = model.run(
+      {}, touch, {.x_un = 640'000, .y_un = 320'000, .y_of_x_un_um = 1'280'000'000, .x_of_y_un_um = -960'000'000});
+  const auto more = [&](const WrenchCovariance& c, size_t i, size_t j) { return at(c, i, j) - at(whole, i, j); };
+  EXPECT_EQ(more(shear, 0, 0), 80'000LL * 80'000);
+  EXPECT_EQ(more(shear, 1, 1), 40'000LL * 40'000);
+  EXPECT_EQ(more(shear, 0, 5), -80'000LL * 160'000);
+  EXPECT_EQ(more(shear, 1, 5), -40'000LL * 120'000);
+  EXPECT_EQ(more(shear, 0, 1), 0);
+  for (const size_t pressure : {2U, 3U, 4U}) EXPECT_EQ(more(shear, pressure, pressure), 0);
+  // 1.28 N of pressure at (3, -2) mm, of which 22 / 256 err.
+  const WrenchCovariance pressed =
+      model.run({}, touch, {.z_un = 1'280'000, .y_of_z_un_um = -2'560'000'000, .x_of_z_un_um = 3'840'000'000});
+  EXPECT_EQ(more(pressed, 2, 2), 110'000LL * 110'000);
+  EXPECT_EQ(more(pressed, 2, 3), -110'000LL * 220'000);
+  EXPECT_EQ(more(pressed, 2, 4), -110'000LL * 330'000);
+  for (const size_t of_shear : {0U, 1U, 5U}) EXPECT_EQ(more(pressed, of_shear, of_shear), 0);
 }
 
-TEST(WrenchCovariance, ThePressureOfNodesWithoutDepthErrsMore) {
-  const WrenchErrorModel model = load(parameters()).value();
-  const ContactList touch = one_contact(3'000, 0, -1'000'000);
-  const WrenchCovariance shear = model.run({}, touch, {.n = 40, .n_filled = 20});
-  const WrenchCovariance both = model.run({}, touch, {.n = 40, .n_filled = 20, .n_all_filled = 20});
-  for (const size_t of_shear : {0U, 1U, 5U}) EXPECT_EQ(at(both, of_shear, of_shear), at(shear, of_shear, of_shear));
-  for (const size_t pressure : {2U, 3U, 4U}) EXPECT_EQ(at(both, pressure, pressure), 4 * at(shear, pressure, pressure));
+TEST(WrenchCovariance, SumsTheForcesOfFilledNodesWhereTheyAct) {
+  BoardSettings board;
+  board.pad = kPad;
+  board.grid = {3, 3};  // nodes 10 mm and 8 mm apart
+  board.window = {.min_x_um = 0, .min_y_um = 0, .max_x_um = 20'000, .max_y_um = 16'000};
+  std::vector<NodeForce> force(9);
+  force[0] = {-3, 5, -100};
+  force[2] = {7, -11, 200};
+  force[4] = {1'000, 1'000, 1'000};
+  std::vector<uint8_t> filled(9);
+  filled[0] = kShearFilled;
+  filled[2] = kAllFilled;
+  const FilledForce sum = sum_filled(NodeGrid(board), force, filled, 10);
+  EXPECT_EQ(sum.x_un, 100);
+  EXPECT_EQ(sum.y_un, 160);
+  EXPECT_EQ(sum.z_un, 2'000);
+  EXPECT_EQ(sum.y_of_x_un_um, -8'000 * 100);
+  EXPECT_EQ(sum.x_of_y_un_um, -10'000 * 50 + 10'000 * 110);
+  EXPECT_EQ(sum.y_of_z_un_um, -8'000 * 2'000);
+  EXPECT_EQ(sum.x_of_z_un_um, 10'000 * 2'000);
 }
 
-TEST(WrenchCovariance, CountsTheTouchedNodesAndTheFilledOnesAmongThem) {
-  const TouchedNodes touched = count_touched(std::vector<uint8_t>{0, 1, 128, 5, 0},
-                                             std::vector<uint8_t>{kAllFilled, 0, kShearFilled, kAllFilled, 0});
-  EXPECT_EQ(touched.n, 3);
-  EXPECT_EQ(touched.n_filled, 2);
-  EXPECT_EQ(touched.n_all_filled, 1);
+TEST(WrenchCovariance, ShearErrsWithWhatPresses) {
+  const ContactList touch = one_contact(3'000, -2'000, -1'024'000);
+  const WrenchCovariance without = load(parameters()).value().run({}, touch);
+  const WrenchCovariance c = load(parameters(), 0, {1 << 12}).value().run({}, touch);  // 1/256: 4 mN
+  EXPECT_EQ(at(c, 0, 0) - at(without, 0, 0), 4'000LL * 4'000);
+  EXPECT_EQ(at(c, 1, 1) - at(without, 1, 1), 4'000LL * 4'000);
+  EXPECT_EQ(at(c, 5, 5) - at(without, 5, 5), 8'000LL * 8'000 + 12'000LL * 12'000);
+  EXPECT_EQ(at(c, 2, 2), at(without, 2, 2));
+  EXPECT_FALSE(load(parameters(), 0, {-1}));
+  EXPECT_FALSE(load(parameters(), 0, {(1 << 20) + 1}));
 }
 
 TEST(WrenchCovariance, LargestNumbersDoNotOverflow) {
-  const WrenchErrorModel model = load({1 << 20, 1 << 20, 1 << 24, 1 << 24, 1 << 20, 1 << 20, 1 << 20, 1 << 20}).value();
+  const WrenchErrorModel model =
+      load({1 << 20, 1 << 20, 1 << 24, 1 << 24, 1 << 20, 1 << 20, 1 << 20, 1 << 20}, 1 << 19, {1 << 20}).value();
   constexpr int64_t kFar = int64_t{1} << 60;
   const Wrench wrench{kFar, -kFar, kFar, -kFar, kFar, kFar};
   ContactList list;
   for (Contact& contact : list.contacts) contact = {.center_x_um = kFar, .center_y_um = -kFar, .force_z_un = -kFar};
   list.n_listed = ContactList::kMax;
   list.n_found = 100'000;
-  const WrenchCovariance c = model.run(wrench, list, {.n = 12'000, .n_filled = 12'000, .n_all_filled = 12'000});
+  const WrenchCovariance c = model.run(wrench, list, {kFar, kFar, kFar, -kFar, kFar, -kFar, kFar});
   for (size_t i = 0; i < 6; ++i) {
     EXPECT_GT(at(c, i, i), 0) << i;
     for (size_t j = i + 1; j < 6; ++j) {

@@ -122,17 +122,20 @@ TEST(NodeSigma, FilledComponentsStateMore) {
   tables.local = {1 << 14, 0, 0, 0, 1 << 14, 0, 0, 0};
   const std::vector<NodeForce> force = one_pressed({800, -600, -600});
   std::vector<uint8_t> is_filled(20);
-  is_filled[7] = is_filled[19] = kShearFilled;  // the pressed one, and one that is silent
-  is_filled[8] = kAllFilled;
+  is_filled[7] = kShearFilled;  // the pressed one
+  is_filled[9] = kAllFilled;
   const auto whole = sigma_of(tables, force);
   const auto filled = sigma_of(tables, force, is_filled);
+  // Five nodes to a row. Halves of the sigma of measured nodes: along the surface, then of the normal force.
+  const std::vector<int32_t> shear = {2, 3, 3, 3, 3, 2, 3, 5, 3, 5, 2, 3, 3, 3, 3, 2, 2, 2, 2, 2};
+  const std::vector<int32_t> normal = {2, 2, 2, 3, 3, 2, 2, 2, 3, 8, 2, 2, 2, 3, 3, 2, 2, 2, 2, 2};
+  const auto grown = [](int32_t sigma, int32_t halves) { return (sigma * halves + 1) / 2; };
   for (size_t i = 0; i < filled.size(); ++i) {
-    const int32_t shear = is_filled[i] == kNothingFilled ? 1 : 2;
-    EXPECT_EQ(filled[i].x, shear * whole[i].x) << i;
-    EXPECT_EQ(filled[i].y, shear * whole[i].y) << i;
-    EXPECT_EQ(filled[i].z, (is_filled[i] == kAllFilled ? 3 : 1) * whole[i].z) << i;
+    EXPECT_EQ(filled[i].x, grown(whole[i].x, shear[i])) << i;
+    EXPECT_EQ(filled[i].y, grown(whole[i].y, shear[i])) << i;
+    EXPECT_EQ(filled[i].z, grown(whole[i].z, normal[i])) << i;
   }
-  EXPECT_EQ(filled[7].x, 800);
+  EXPECT_EQ(filled[7].x, 1'000);
 }
 
 TEST(NodeSigma, LargestForcesAndTablesDoNotOverflow) {

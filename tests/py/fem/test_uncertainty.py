@@ -28,6 +28,7 @@ WRENCH_ERROR = WrenchError(
     moment_nm=np.array([8e-6, 2e-6]),
     lever_m=np.array([20e-6, 4e-6]),
     factor=np.array([0.02, 0.025]),
+    crosstalk=3e-3,
 )
 
 
@@ -136,6 +137,7 @@ def test_covariance_is_that_of_contacts_whose_errors_are_drawn() -> None:
     for load in loads:
         sigma_m = np.hypot(WRENCH_ERROR.moment_nm, WRENCH_ERROR.lever_m * load.force_n[2])[[0, 0, 1]]
         force = rng.normal(size=(n, 3)) * WRENCH_ERROR.force_n[[0, 0, 1]]
+        force[:, :2] += WRENCH_ERROR.crosstalk * load.force_n[2] * rng.normal(size=(n, 2))
         total += about_center(load, force, rng.normal(size=(n, 3)) * sigma_m)
         wrench += about_center(load, load.force_n, np.zeros(3))
     shear, pressure = wrench * [1, 1, 0, 0, 0, 1], wrench * [0, 0, 1, 1, 1, 0]
@@ -155,5 +157,5 @@ def test_wrench_error_is_found_again() -> None:
         own = wrench_covariance(WRENCH_ERROR, wrench, [ContactLoad(np.zeros(2), wrench[:3])])
         drawn.append(WrenchSample(wrench, rng.multivariate_normal(np.zeros(6), own)))
     found = fit_wrench_error(drawn)
-    for name in ("force_n", "moment_nm", "lever_m", "factor"):
+    for name in ("force_n", "moment_nm", "lever_m", "factor", "crosstalk"):
         np.testing.assert_allclose(getattr(found, name), getattr(WRENCH_ERROR, name), rtol=0.2)

@@ -3,12 +3,18 @@
 Untouched frames show the noise of camera, markers and colours. Under a touch the displacement is off by more: the dots
 of a sheared patch, colours beyond what was pressed. How much follows from what the best forces on the contact leave
 unexplained, u - C F with the fitted pad. The operator weighs displacements by the larger of the two, axis by axis.
+
+The noise's correlation is told by how much of it is left in means over BLOCK x BLOCK nodes, about as large as a
+contact: white noise leaves 1 / BLOCK^2 of its variance. That part is what a wrench errs by.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
 from ruffini.boards import Board
@@ -28,10 +34,24 @@ Array = npt.NDArray[np.float64]
 MIN_REST = 10  # untouched frames
 LEAST_M = 0.5e-6  # four steps of the displacement: what rounding and interpolation leave at best
 MAX_TOUCHES = 60  # the strongest frame of each: more tell no more
+BLOCK = 4  # nodes to a side
+CORRELATION_RANGE = (0.3, 6.0)  # nodes
 
 
-def unexplained_m(job: Job, log: TouchLog, noise: Noise) -> Array:
-    """Root mean square (3,) over touches and nodes of what the second pass leaves of the displacement, metres."""
+@dataclass(frozen=True)
+class Power:
+    """Of displacements, by axis (3,), m^2: mean square of nodes; of means over blocks, times a block's nodes."""
+
+    node: Array
+    block: Array
+
+    @classmethod
+    def mean(cls, parts: list[Power]) -> Power:
+        return cls(*(np.mean([getattr(p, name) for p in parts], axis=0) for name in ("node", "block")))
+
+
+def unexplained(job: Job, log: TouchLog, noise: Noise) -> Power:
+    """Mean over touches of what the second pass leaves of the displacement."""
     board = job.board
     slab, observed = board_slab(board, job.material), observed_unknowns(board)
     condensed = condense(slab)
@@ -49,8 +69,8 @@ def unexplained_m(job: Job, log: TouchLog, noise: Noise) -> Array:
     left = []
     for u in log.displacement[chosen]:
         force, _ = estimate(u.reshape(shape))
-        left.append(_rms(u - (compliance @ force.ravel()).reshape(-1, 3), plane))
-    return np.asarray(np.sqrt(np.square(left).mean(axis=0)))
+        left.append(power_of(u - (compliance @ force.ravel()).reshape(-1, 3), plane, shape))
+    return Power.mean(left)
 
 
 def _planes(board: Board) -> Array:
@@ -60,10 +80,31 @@ def _planes(board: Board) -> Array:
     return np.stack([np.ones(len(x) * len(y)), np.tile(x, len(y)), np.repeat(y, len(x))], axis=1)
 
 
-def _rms(field: Array, plane: Array) -> Array:
-    """Of a displacement (m, 3), without a constant and a tilt of its z, (3,)."""
+def power_of(field: Array, plane: Array, shape: tuple[int, ...]) -> Power:
+    """Of a displacement (m, 3) of nodes (n_y, n_x), without a constant and a tilt of its z."""
     z = field[:, 2] - plane @ np.linalg.lstsq(plane, field[:, 2], rcond=None)[0]
-    return np.asarray(np.sqrt([np.mean(field[:, 0] ** 2), np.mean(field[:, 1] ** 2), np.mean(z**2)]))
+    whole = np.stack([field[:, 0], field[:, 1], z], axis=-1).reshape(shape)
+    n_y, n_x = (n // BLOCK for n in shape[:2])
+    blocks = whole[: n_y * BLOCK, : n_x * BLOCK].reshape(n_y, BLOCK, n_x, BLOCK, 3).mean(axis=(1, 3))
+    return Power((whole**2).mean(axis=(0, 1)), BLOCK**2 * (blocks**2).mean(axis=(0, 1)))
+
+
+def correlation_nodes(growth: float) -> float:
+    """Length l of noise with the correlation exp(-d^2 / (4 l^2)) whose blocks vary `growth` times as white noise's."""
+    place = np.stack(np.meshgrid(np.arange(BLOCK), np.arange(BLOCK)), axis=-1).reshape(-1, 2)
+    square = ((place[:, None] - place[None, :]) ** 2).sum(axis=-1)
+
+    def grown(length: float) -> float:
+        return float(np.exp(-square / (4 * length**2)).sum() / BLOCK**2)
+
+    shortest, longest = CORRELATION_RANGE
+    if growth <= grown(shortest):
+        return 0.0
+    return (
+        longest
+        if growth >= grown(longest)
+        else float(brentq(lambda length: grown(length) - growth, *CORRELATION_RANGE))
+    )
 
 
 def _text(values: Array) -> str:
@@ -83,19 +124,25 @@ class NoiseEstimator(Estimator):
         """Measure both, and take the larger."""
         log, usual = job.log(), material_noise(job.board)
         with threadpool_limits(limits=1):
-            touched = unexplained_m(job, log, usual)
+            under_touch = unexplained(job, log, usual)
         progress(1.0)
-        plane = _planes(job.board)
-        rest = np.array([_rms(frame, plane) for frame in log.rest]) if len(log.rest) >= MIN_REST else np.zeros((1, 3))
-        at_rest = np.sqrt(np.square(rest).mean(axis=0))
-        x, y, z = np.maximum(np.maximum(at_rest, touched), LEAST_M)
-        job.noise = Noise((float(x), float(y), float(z)), gauge_m=usual.gauge_m, tilt_m=usual.tilt_m)
-        rest_um = (at_rest * 1e6).tolist() if len(log.rest) >= MIN_REST else None
-        report = {"rest_um": rest_um, "rest_frames": len(log.rest),
-                  "touched_um": (touched * 1e6).tolist(), "used_um": [1e6 * float(v) for v in (x, y, z)]}  # fmt: skip
-        return Outcome("fitted", "displacement off by " + ", ".join(f"{1e6 * v:.1f}" for v in (x, y, z))
-                       + f" um (x, y, z) under a touch, {_text(at_rest)} at rest ({len(log.rest)} frames)",
-                       report)  # fmt: skip
+        has_rest = len(log.rest) >= MIN_REST
+        plane, (rows, columns) = _planes(job.board), job.board.observed
+        shape = (rows.stop - rows.start, columns.stop - columns.start, 3)
+        untouched = Power.mean([power_of(frame, plane, shape) for frame in log.rest]) if has_rest else under_touch
+        at_rest, touched = np.sqrt(untouched.node), np.sqrt(under_touch.node)
+        x, y, z = used = np.maximum(np.maximum(at_rest, touched), LEAST_M)
+        blocks = np.maximum(untouched.block, under_touch.block)
+        length = correlation_nodes(float(np.mean(blocks / used**2)))
+        job.noise = Noise(
+            (float(x), float(y), float(z)), gauge_m=usual.gauge_m, tilt_m=usual.tilt_m, correlation_nodes=length
+        )
+        report = {"rest_um": (at_rest * 1e6).tolist() if has_rest else None, "rest_frames": len(log.rest),
+                  "touched_um": (touched * 1e6).tolist(), "used_um": [1e6 * float(v) for v in used],
+                  "correlation_nodes": length}  # fmt: skip
+        rest = f", {_text(at_rest)} at rest ({len(log.rest)} frames)" if has_rest else ""
+        return Outcome("fitted", f"displacement off by {_text(used)} um (x, y, z) under a touch{rest}, "
+                       f"correlated over {length:.1f} nodes", report)  # fmt: skip
 
     def keep(self, job: Job) -> Outcome:
         """What `cal fit --only operator` takes without measuring."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -40,9 +40,11 @@ LOCAL_Q16, LARGEST_LOCAL = 1 << 16, 1 << 18
 FACTOR_Q20 = 1 << 20
 WRENCH_RANGES = ((100, 1 << 20), (100, 1 << 24), (0, 1 << 20), (0, 1 << 20))  # uN, uN mm, nm, Q20
 
+FITTED = MaterialSpread()
 N_TOUCHES = 120
 SEED = 20_000
-# Beside the white noise, in every second touch: noise of long correlation, as a badly integrated depth has it.
+# Where the noise's correlation is not known: noise of long correlation beside the white one in every second touch, as a
+# badly integrated depth has it.
 CORRELATED_PART = 0.5
 CORRELATION_NODES = 3.0
 
@@ -58,7 +60,8 @@ class ErrorModel:
         """The same with larger variances; the wrench's are held as standard deviations."""
         factors = np.array([growth.shear, growth.normal])[:, None]
         node = NodeError(self.node.reported * factors, self.node.quiet * factors, self.node.local * factors)
-        return ErrorModel(node, WrenchError(*(part * np.sqrt(growth.wrench) for part in vars(self.wrench).values())))
+        wrench = WrenchError(*(part * np.sqrt(growth.wrench) for part in vars(self.wrench).values()))
+        return ErrorModel(node, replace(wrench, crosstalk=max(wrench.crosstalk, growth.crosstalk)))
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,7 @@ def fit_error_model(
     threshold_n: float,
     n_touches: int = N_TOUCHES,
     observe: Observe | None = None,
+    spread: MaterialSpread = FITTED,
     progress: Progress = lambda _: None,
 ) -> ErrorModel:
     """Press simulated pads, solve as the board would, fit what it gets wrong.
@@ -108,7 +112,7 @@ def fit_error_model(
     places = node_places(slab, observed)
     nodes: list[NodeSample] = []
     wrenches: list[WrenchSample] = []
-    touches = _observations(slab, observed, observe, noise, n_touches, lambda done: progress(0.6 * done))
+    touches = _observations(slab, observed, observe, noise, n_touches, spread, lambda done: progress(0.6 * done))
     with threadpool_limits(limits=1):  # many small solves: more threads cost more than they give
         for i, (touch, u) in enumerate(touches):
             force, mask = estimate(u)
@@ -138,7 +142,8 @@ def error_tensors(model: ErrorModel) -> Tensors:
     parts = (wrench.force_n * 1e6, wrench.moment_nm * 1e9, wrench.lever_m * 1e9, wrench.factor * FACTOR_Q20)
     tensors: Tensors = {name: _whole(name, values, *limits) for name, (values, limits) in rows.items()}
     lines = [_whole("support.error_wrench", p, *limits) for p, limits in zip(parts, WRENCH_RANGES, strict=True)]
-    return {**tensors, "support.error_wrench": np.stack(lines)}
+    crosstalk = _whole("support.error_crosstalk", np.array([wrench.crosstalk]) * FACTOR_Q20, *WRENCH_RANGES[3])
+    return {**tensors, "support.error_wrench": np.stack(lines), "support.error_crosstalk": crosstalk}
 
 
 def _whole(name: str, values: Array, low: int, high: int) -> npt.NDArray[np.int32]:
@@ -164,10 +169,11 @@ def _round(force: Array, step_n: float) -> Array:
 
 
 def _observations(
-    slab: Slab, observed: tuple[slice, slice], observe: Observe | None, noise: Noise, n_touches: int, progress: Progress
-) -> list[tuple[Touch, Array]]:
+    slab: Slab, observed: tuple[slice, slice], observe: Observe | None, noise: Noise, n_touches: int,
+    spread: MaterialSpread, progress: Progress,
+) -> list[tuple[Touch, Array]]:  # fmt: skip
     """Touches of four pads off by the material's spread, and the displacement that the board would see."""
-    spread, rng = MaterialSpread(), np.random.default_rng(SEED)
+    rng = np.random.default_rng(SEED)
     pads, out = spread.pads(slab), []
     for i, pad in enumerate(pads):
         maker = TouchMaker(pad, SEED + i, modulus_spread=spread.modulus)
@@ -175,7 +181,7 @@ def _observations(
             touch = maker.draw()
             seen = touch.displacement[observed]
             if observe is None:
-                seen = seen + _noise(rng, seen.shape, noise, CORRELATED_PART * (k % 2))
+                seen = seen + _noise(rng, seen.shape, noise, may_be_white=k % 2 == 0)
             else:
                 seen = observe(touch.displacement, rng)
             out.append((touch, seen))
@@ -183,8 +189,19 @@ def _observations(
     return out
 
 
-def _noise(rng: np.random.Generator, shape: tuple[int, ...], noise: Noise, correlated_part: float) -> Array:
-    """White noise of the operator's standard deviation, and `correlated_part` of it again with long correlation."""
-    smooth = gaussian_filter(rng.normal(size=shape), (CORRELATION_NODES, CORRELATION_NODES, 0), mode="reflect")
-    smooth *= correlated_part / max(float(np.std(smooth)), 1e-12)
-    return np.asarray((rng.normal(size=shape) + smooth) * np.array(noise.sigma_m))
+def _noise(rng: np.random.Generator, shape: tuple[int, ...], noise: Noise, *, may_be_white: bool) -> Array:
+    """Noise of the operator's standard deviation and correlation; if that is not known, as CORRELATED_PART says."""
+    length = noise.correlation_nodes
+    unit = _correlated(rng, shape, CORRELATION_NODES if length is None else length)
+    if length is None:
+        unit = (0.0 if may_be_white else CORRELATED_PART) * unit + rng.normal(size=shape)
+    return np.asarray(unit * np.array(noise.sigma_m))
+
+
+def _correlated(rng: np.random.Generator, shape: tuple[int, ...], length_nodes: float) -> Array:
+    """Noise (n_y, n_x, 3) of standard deviation 1 whose correlation at d nodes is exp(-d^2 / (4 length^2))."""
+    white = rng.normal(size=shape)
+    if length_nodes <= 0:
+        return white
+    smooth = gaussian_filter(white, (length_nodes, length_nodes, 0), mode="reflect")
+    return np.asarray(smooth / max(float(np.std(smooth)), 1e-12))

@@ -14,17 +14,18 @@ from threadpoolctl import threadpool_limits
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.estimators.operator.depth_gauge import DepthGauge, fit_depth_gauge
-from ruffini.estimators.operator.error_model import ErrorModel, Estimate, error_tensors, fit_error_model
+from ruffini.estimators.operator.error_model import FITTED, ErrorModel, Estimate, error_tensors, fit_error_model
 from ruffini.estimators.operator.marker_depth import MarkerDepth, fit_marker_depth
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
 from ruffini.fem.compile import SHAPES, Compiled, compile_matrix, force_steps
 from ruffini.fem.condense import CondensedSlab, condense, surface_stiffness
-from ruffini.fem.finite_strain import FiniteStrain, error_growth, finite_strain
+from ruffini.fem.finite_strain import LINEAR_GROWTH, FiniteStrain, error_growth, finite_strain
 from ruffini.fem.hierarchy import Shape
 from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
 from ruffini.fem.symmetry import Sites, node_sites
+from ruffini.fem.touches import AS_CAST
 from ruffini.reflection import dense_from_blocks, spd_inverse
 
 Tensors = dict[str, npt.NDArray[np.generic]]
@@ -158,6 +159,7 @@ def make_operator(
     ridge_weight: float = 1e-4,
     material: Material | None = None,
     stiffness_sigma: float | None = None,
+    is_fitted: bool | None = None,
     is_finite: bool = False,
     n_touches: int = 0,
     progress: Progress = lambda _: None,
@@ -168,8 +170,10 @@ def make_operator(
     ----------
     stiffness_sigma : float, optional
         Relative standard deviation of the forces that the pad's numbers make of a displacement. Where left out: the
-        board's for the board's material; none for a measured one, whose usual error the error model has
+        board's for a pad that was not measured; none for a measured one, whose usual error the error model has
         (`touches.MaterialSpread`).
+    is_fitted : bool, optional
+        Whether the pad's numbers were measured; where left out, whether `material` is given.
     is_finite : bool
         Whether the pad is at finite strain: then the second pass adds what that makes, to second order.
     n_touches : int
@@ -186,10 +190,11 @@ def make_operator(
     if is_finite and method != "support":
         raise InputError(f"finite strain works on the second pass: method support, not {method}")
     slab = board_slab(board, material)
+    is_fitted = material is not None if is_fitted is None else is_fitted
     with threadpool_limits(limits=1 if slab.n_nodes <= ONE_THREAD_NODES else None):
-        kind = _made(board, slab, material, method, noise, ridge_weight, is_finite, n_touches, progress)
+        kind = _made(board, slab, material, method, noise, ridge_weight, is_fitted, is_finite, n_touches, progress)
     if kind.support is not None:
-        usual = board.pad.stiffness_sigma_1e3 * 1e-3 if material is None else 0.0
+        usual = 0.0 if is_fitted else board.pad.stiffness_sigma_1e3 * 1e-3
         sigma = usual if stiffness_sigma is None else stiffness_sigma
         kind.metadata["support.stiffness_sigma_1e6"] = str(min(round(sigma * 1e6), LARGEST_STIFFNESS_SIGMA_1E6))
     return kind
@@ -197,7 +202,7 @@ def make_operator(
 
 def _made(
     board: Board, slab: Slab, material: Material | None, method: str, noise: Noise, ridge_weight: float,
-    is_finite: bool, n_touches: int, progress: Progress,
+    is_fitted: bool, is_finite: bool, n_touches: int, progress: Progress,
 ) -> OperatorKind:  # fmt: skip
     has_support = method == "support"
     depth = fit_marker_depth(board, slab, noise) if board.depth.source == "markers" else None
@@ -260,10 +265,10 @@ def _made(
             errors = fit_error_model(
                 slab, board.observed, second_pass(board, matrix, system), noise, force_step_n=lsb * 1e-6,
                 threshold_n=board.contact.threshold_un * 1e-6, n_touches=n_touches,
-                observe=None if depth is None else depth.observe,
+                observe=None if depth is None else depth.observe, spread=FITTED if is_fitted else AS_CAST,
                 progress=lambda done: progress(0.6 + 0.4 * done),
             )  # fmt: skip
-            errors = errors.grown(error_growth(slab)) if is_finite else errors
+            errors = errors.grown(error_growth(slab) if is_finite else LINEAR_GROWTH)
             tensors |= error_tensors(errors)
         except InputError as error:
             errors, no_errors = None, str(error)

@@ -51,7 +51,7 @@ class Operator(Estimator):
         method = "support" if "support" in job.board.pipeline.stages else "optimal"
         kind = make_operator(
             job.board, method=method, noise=job.noise or material_noise(job.board), material=known,
-            stiffness_sigma=sigma,
+            stiffness_sigma=sigma, is_fitted=job.material is not None,
             is_finite=job.is_finite and method == "support", n_touches=job.n_error_touches, progress=progress,
         )  # fmt: skip
         _keep(job, kind)
@@ -83,7 +83,8 @@ class Operator(Estimator):
         chosen = _ridge_weight(board, known, noise, options, progress)
         kind = make_operator(
             board, method=method, noise=noise, ridge_weight=chosen.weight, n_touches=job.n_error_touches,
-            material=known, stiffness_sigma=job.stiffness_sigma, is_finite=job.is_finite, progress=progress,
+            material=known, stiffness_sigma=job.stiffness_sigma, is_fitted=job.material is not None,
+            is_finite=job.is_finite, progress=progress,
         )  # fmt: skip
         _keep(job, kind)
         if memory is not None:
