@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+
 #include "support/dot_picture.h"
 #include "support/test_board.h"
 #include "support/test_calibration.h"
