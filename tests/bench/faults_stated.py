@@ -1,6 +1,7 @@
 """How far forces err, and how often the truth lies within the stated sigma, under one fault at a time. SIMULATED.
 
     python tests/bench/faults_stated.py --table docs/results/accuracy.md
+    python tests/bench/faults_stated.py --lists  # the row "none" on what fem.finite_strain.LINEAR_GROWTH was chosen on
 
 Contacts that nothing was chosen on. Errors are with the pad's own material, shares on the pads of coverage.py, whose
 material is off by what a fit leaves. In rows "not fitted" errors are on the pad that is off; a sigma speaks of many
@@ -26,11 +27,12 @@ import numpy as np
 import numpy.typing as npt
 from gels import with_row
 
+from ruffini.bench import states as lists
 from ruffini.bench.bad_nodes import BadNodes
 from ruffini.bench.coverage import RESIDUAL_ERRORS, WRENCH_AXES, Coverage, Stated, drawn_modulus
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import MODEL_ERRORS, Methods, Scores
-from ruffini.bench.states import LIGHT_N, UNSEEN, State, make_states
+from ruffini.bench.states import LIGHT_N, UNSEEN, Recipe, State, make_states
 from ruffini.boards import find_board
 from ruffini.estimators.operator.gauge import gauge_nodes
 from ruffini.files import write_whole
@@ -47,6 +49,7 @@ COLUMNS = ("fault", "tangential", "normal", "total", "shear inside, within 1, 2 
            "commit", "date")  # fmt: skip
 JUDGED = ("firmware", "host/ruffini", "boards", "tests/bench/faults_stated.py", ":!*.md")
 DEPTHS_MM = (0.3, 0.6, 1.0)
+LISTS = {name: getattr(lists, name) for name in ("JUDGED", "TUNED", "FRESH", "MORE")}
 SEED = 29
 BESIDE = 0.7  # correlation with the next node
 HOLE_MM = 3.3
@@ -102,15 +105,17 @@ FAULTS = (
 
 
 @cache
-def on_pad(board: str, error: PadError | None, strain: Strain = "linear") -> list[State]:
+def on_pad(
+    board: str, error: PadError | None, strain: Strain = "linear", contacts: tuple[Recipe, ...] = UNSEEN
+) -> list[State]:
     """The contacts that are heavy enough, on one pad of a board; None: as the board has it."""
-    made = make_states(find_board(board), UNSEEN, DEPTHS_MM, error, truth=strain)
+    made = make_states(find_board(board), contacts, DEPTHS_MM, error, truth=strain)
     return [s for s in made if s.resultant_n >= LIGHT_N]
 
 
-def on_fitted_pads(board: str) -> list[State]:
+def on_fitted_pads(board: str, contacts: tuple[Recipe, ...] = UNSEEN) -> list[State]:
     """On pads that are off by what a fit leaves, each contact with a modulus of its own."""
-    states = [s for error in RESIDUAL_ERRORS for s in on_pad(board, error)]
+    states = [s for error in RESIDUAL_ERRORS for s in on_pad(board, error, contacts=contacts)]
     rng = np.random.default_rng(SEED)
     return [replace(s, force=drawn_modulus(rng) * s.force) for s in states]
 
@@ -125,8 +130,8 @@ def on_pads_as_stated(board: str, wrong: PadError) -> list[State]:
     return [replace(s, force=drawn_modulus(rng, sigma) * s.force) for error in pads for s in on_pad(board, error)]
 
 
-def judge(methods: Methods, fault: Fault) -> list[str]:
-    """The cells of one row."""
+def judge(methods: Methods, fault: Fault, contacts: tuple[Recipe, ...] = UNSEEN) -> list[str]:
+    """The cells of one row; `contacts` other than UNSEEN only without a wrong material."""
     board, scores = methods.board, Scores()
     is_fitted = fault.wrong is None
 
@@ -134,14 +139,14 @@ def judge(methods: Methods, fault: Fault) -> list[str]:
         u = fault.observe(state.displacement, methods, np.random.default_rng((SEED, i)))
         return methods.stated(u, is_fitted=is_fitted, strain=fault.strain)
 
-    same = on_pad(board.name, fault.wrong, fault.strain)
+    same = on_pad(board.name, fault.wrong, fault.strain, contacts)
     for i, state in enumerate(same):
         scores.add(state, stated(i, state).force, methods.step_mm)
     counted = Coverage(methods.places, board.field.force_lsb_un * 1e-6, board.contact.threshold_un * 1e-6)
     if fault.wrong is not None:
         pads = on_pads_as_stated(board.name, fault.wrong)
     else:
-        pads = same if fault.strain == "finite" else on_fitted_pads(board.name)
+        pads = same if fault.strain == "finite" else on_fitted_pads(board.name, contacts)
     for i, state in enumerate(pads):
         counted.add(stated(i, state), state.force)
     means, columns = scores.means(), counted.summary()
@@ -160,7 +165,13 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--board", default="gelslim")
     parser.add_argument("--only", default="", metavar="TEXT", help="only faults whose name has this")
     parser.add_argument("--table", type=Path, metavar="FILE", help="write the rows into this document")
+    parser.add_argument("--lists", action="store_true", help="the row without a fault on the lists before UNSEEN")
     given = parser.parse_args(words)
+    if given.lists:
+        with contextlib.closing(Methods(find_board(given.board), correlation_nodes=0.0)) as methods:
+            for name, contacts in LISTS.items():
+                print(f"| {' | '.join((name, *judge(methods, FAULTS[0], contacts)))} |", flush=True)
+        return 0
     at, date = commit(JUDGED), datetime.date.today().isoformat()
     if not (faults := [one for one in FAULTS if given.only in one.name]):
         parser.error(f"--only {given.only}: no fault has this in its name: {', '.join(one.name for one in FAULTS)}")

@@ -1,6 +1,6 @@
 """How honest the stated uncertainty is: how often the truth lies within one and two sigma. SIMULATED.
 
-On states of their own (FRESH), whose mechanics and contacts the error model has never seen and on which nothing was
+On states of their own (UNSEEN), whose mechanics and contacts the error model has never seen and on which nothing was
 chosen, on pads whose material is off by what `cal fit --only material` leaves, with white noise alone and with noise of
 long correlation beside it.
 

@@ -18,7 +18,7 @@ from ruffini.bench import bad_nodes, coverage, fitted, objects, resolution, wind
 from ruffini.bench.bad_nodes import BadNodes
 from ruffini.bench.disturbance import HALF_WHITE_UM, WHITE_UM, Disturbance
 from ruffini.bench.markers import LostMarkers
-from ruffini.bench.states import FRESH, JUDGED, LIGHT_N, TUNED, State, make_states
+from ruffini.bench.states import JUDGED, LIGHT_N, TUNED, UNSEEN, State, make_states
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, NOT_MEASURED, Pipeline
@@ -349,7 +349,7 @@ def coverage_of(methods: Methods, depths: tuple[float, ...]) -> dict[str, Any]:
     board, rng = methods.board, np.random.default_rng(11)
     counted = coverage.Coverage(methods.places, board.field.force_lsb_un * 1e-6, board.contact.threshold_un * 1e-6)
     for error in coverage.RESIDUAL_ERRORS:
-        states = [s for s in make_states(board, FRESH, depths, error) if s.resultant_n >= LIGHT_N]
+        states = [s for s in make_states(board, UNSEEN, depths, error) if s.resultant_n >= LIGHT_N]
         counted.n_states += len(states)
         for noise in (Disturbance(white_um=WHITE_UM), Disturbance(white_um=WHITE_UM, correlated_um=HALF_WHITE_UM)):
             coverage.judge(counted, methods.stated, states, partial(noise.draw, methods.shape), rng)

@@ -129,7 +129,7 @@ MORE = (
     Recipe("cone", (Touch("cone", 2.8, -1.9, -1.6),)),
     Recipe("two balls", (Touch("sphere", 4.6, -4.1, 1.4), Touch("sphere", 5.4, 3.8, -1.7, shift=(0.0, -0.12)))),
 )  # fmt: skip
-# ... and on these, which nothing was chosen on, it is judged.
+# ... and on these, which nothing was chosen on, it is judged (tests/bench/faults_stated.py).
 UNSEEN = (
     Recipe("ball", (Touch("sphere", 6.3, 3.4, 1.2),)),
     Recipe("ball sheared", (Touch("sphere", 5.1, -2.9, -2.6, shift=(-0.13, 0.04)),)),
