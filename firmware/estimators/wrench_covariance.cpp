@@ -161,8 +161,8 @@ WrenchCovariance WrenchErrorModel::run(const Wrench& w, const ContactList& conta
   add_outer(sum, parts(factor_q20_[0], 0));
   add_outer(sum, parts(0, factor_q20_[1]));
   add_outer(sum, parts(stiffness_q20_, stiffness_q20_));
-  const auto shear = [](int64_t of) { return part_of(kFilledShear, of, kFilledFraction); };
-  const auto normal = [](int64_t of) { return part_of(kFilledNormal, of, kFilledFraction); };
+  const auto shear = [](int64_t of) { return part_of(kFilledShear_q8, of, kFilledFraction); };
+  const auto normal = [](int64_t of) { return part_of(kFilledNormal_q8, of, kFilledFraction); };
   add_outer(sum, {shear(filled.x_un), 0, 0, 0, 0, -shear(mm(filled.y_of_x_un_um))});
   add_outer(sum, {0, shear(filled.y_un), 0, 0, 0, shear(mm(filled.x_of_y_un_um))});
   add_outer(sum, {0, 0, normal(filled.z_un), normal(mm(filled.y_of_z_un_um)), -normal(mm(filled.x_of_z_un_um)), 0});

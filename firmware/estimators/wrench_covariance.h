@@ -10,7 +10,8 @@
 //   each contact, about     sigma of each force component, moved to the pad's centre as the wrench of a force there;
 //   its centre of pressure  sigma of each moment: a constant plus a lever times the normal force; of shear: a constant
 //                           plus the crosstalk times the normal force
-//   filled nodes            kFilledShear, kFilledNormal times the magnitudes of their forces, each where it acts
+//   filled nodes            kFilledShear_q8, kFilledNormal_q8 times the magnitudes of their forces, each where it acts:
+//                           one vector for x, y and z each, as if all of them erred together
 //
 // Each contact beyond the listed ones counts as one more, anywhere on the pad. Without contact, the error of one
 // contact in the middle is reported. Vectors are clamped to +-kMaxSigma, so no sum overflows. Frame thread; no
@@ -51,10 +52,10 @@ class WrenchErrorModel {
   static constexpr int kParameters = 8;
   static constexpr int64_t kMaxSigma = int64_t{1} << 28;  // uN, uN mm: 268 N
   // A hole of 3.3 mm under a contact adds an error of this share of the force on its filled nodes (Q8): 1/8 of shear,
-  // 0.086 of pressure, 68 and 95 % of the wrenches of development contacts within one and two sigma. Several small
-  // holes err independently, so their sigma is too large.
-  static constexpr int64_t kFilledShear = 32;
-  static constexpr int64_t kFilledNormal = 22;
+  // 0.086 of pressure. Chosen on the contacts bench.states.FRESH. Several small holes err independently, so their sigma
+  // is too large.
+  static constexpr int64_t kFilledShear_q8 = 32;
+  static constexpr int64_t kFilledNormal_q8 = 22;
 
   // Loads the tensors support.error_wrench and, if there, support.error_crosstalk. stiffness_q20: relative, at most one
   // half.

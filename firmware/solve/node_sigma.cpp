@@ -210,10 +210,10 @@ void NodeSigmaModel::grow_filled(std::span<const uint8_t> filled, std::span<Node
       if (most == kNothingFilled) continue;
       const uint8_t own = filled[at(x, y)];
       NodeSigma& s = sigma[at(x, y)];
-      const int32_t shear = own == kNothingFilled ? kBesideFilled : kFilledShear;
+      const int32_t shear = own == kNothingFilled ? kBesideFilled_halves : kFilledShear_halves;
       s.x = grown(s.x, shear);
       s.y = grown(s.y, shear);
-      if (most == kAllFilled) s.z = grown(s.z, own == kAllFilled ? kFilledNormal : kBesideFilled);
+      if (most == kAllFilled) s.z = grown(s.z, own == kAllFilled ? kFilledNormal_halves : kBesideFilled_halves);
     }
   }
 }

@@ -10,9 +10,9 @@
 //   w          clamp(-f_z, 0, T) / T, Q7, T the contact threshold, as in support_solver.h
 //   s          relative standard deviation of the pad's stiffness (stages/support/uncertainty_stage.cpp)
 //   tables     steps^2, 8 fraction bits; factors Q16, at most kMaxFactor
-//   sigma      square root, rounded half up to whole steps, at least 1; times kFilledShear / 2 for shear at filled
-//              nodes, kFilledNormal / 2 for the normal force where depth is filled too, kBesideFilled / 2 for what is
-//              measured beside a node where it is filled
+//   sigma      square root, rounded half up to whole steps, at least 1; times kFilledShear_halves / 2 for shear at
+//              filled nodes, kFilledNormal_halves / 2 for the normal force where depth is filled too,
+//              kBesideFilled_halves / 2 for what is measured beside a node where it is filled
 //
 // Forces are clamped to kMaxForce steps, so each term stays below 2^60. x and y share their tables. Cost per node: 100
 // loads and three square roots. Frame thread; no allocation after load. Not in the paper.
@@ -45,12 +45,12 @@ class NodeSigmaModel {
   static constexpr int kRoughReach = 3;  // nodes to each side
   static constexpr int64_t kMaxForce = (int64_t{1} << 20) - 1;
   static constexpr int32_t kMaxFactor = 1 << 18;  // 4
-  // Halves. In a hole of 3.3 mm and beside it (development contacts) these cover 74, 94 % of the shear and 70, 94 % of
-  // the normal forces within one and two sigma. Of single lost markers the rms error of shear at filled nodes is 1.6 to
-  // 2.2 times that with all markers, at others at most 1.3 times (host/ruffini/fem/DESIGN.md, "Lost markers").
-  static constexpr int32_t kFilledShear = 5;
-  static constexpr int32_t kFilledNormal = 8;
-  static constexpr int32_t kBesideFilled = 3;
+  // Chosen on the contacts bench.states.FRESH with a hole of 3.3 mm. Cautious for single lost markers: there the rms
+  // error of shear at filled nodes is 1.6 to 2.2 times that with all markers, at others at most 1.3 times
+  // (host/ruffini/fem/DESIGN.md, "Lost markers").
+  static constexpr int32_t kFilledShear_halves = 5;
+  static constexpr int32_t kFilledNormal_halves = 8;
+  static constexpr int32_t kBesideFilled_halves = 3;
 
   // Loads the tensors support.error_reported, _quiet and _local. threshold_lsb: T in steps, above zero. stiffness_q20:
   // s, at most one half.

@@ -31,7 +31,7 @@ from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.errors import RuffiniError
-from ruffini.estimators.operator.error_model import N_TOUCHES, node_places
+from ruffini.estimators.operator.error_model import FACTOR_Q20, N_TOUCHES, node_places
 from ruffini.estimators.operator.fit import OperatorKind, board_slab, make_operator
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.finite_strain import (
@@ -68,7 +68,7 @@ Array = npt.NDArray[np.float64]
 Estimate = Callable[[Array], Array]
 
 DEPTHS_MM = (0.6, 1.0, 1.5)
-NOISE = Noise((5e-6, 5e-6, 20e-6), correlation_nodes=0.0)
+NOISE = Noise((5e-6, 5e-6, 20e-6), long_share=(0.0, 0.0, 0.0))
 # What is fitted on: down to a depth, aside and round (mm, radian), deeper, aside: a state after each way.
 PRESSES: tuple[tuple[Touch, tuple[tuple[float, float, float], ...]], ...] = (
     (Touch("sphere", 7, -1.3, 1.2), ((0, 0, 0),) * 3),
@@ -139,7 +139,7 @@ def fitted_on(board: Board) -> list[list[State]]:
 
 
 def growth(board: Board, presses: list[list[State]], weights_for: Callable[[list[State]], Weights]) -> ErrorGrowth:
-    """Factors on a linear pad's variances with which the board's sigmas are what they should be.
+    """Factors on the touches' variances with which the board's sigmas are what they should be, and the crosstalk.
 
     `weights_for` gets the states of all other presses than the one that is judged.
     """
@@ -169,7 +169,8 @@ def growth(board: Board, presses: list[list[State]], weights_for: Callable[[list
     found = {name: np.concatenate(parts) for name, parts in ratios.items()}
     more = {n: float(fit_variance(np.ones((len(r), 1)), r)[0]) for n, r in found.items()}
     pressing = np.repeat([fz for *_, fz in leaks], 2)
-    known = more["wrench"] * (np.concatenate([v for _, v, _ in leaks]) - (now["crosstalk"] * pressing) ** 2)
+    held = fitted_pad.tensors["support.error_crosstalk"][0] / FACTOR_Q20
+    known = more["wrench"] * (np.concatenate([v for _, v, _ in leaks]) - (held * pressing) ** 2)
     crosstalk = fit_variance(pressing[:, None] ** 2, np.concatenate([e for e, _, _ in leaks]), np.maximum(known, 0))
     return ErrorGrowth(**{n: now[n] * m for n, m in more.items()}, crosstalk=float(np.sqrt(crosstalk[0])))
 

@@ -296,6 +296,19 @@ def test_tables_of_another_size_or_missing_are_refused(base_of_few: tuple[Tensor
         open_with(base_of_few, {k: v for k, v in tables.items() if k != full})
 
 
+def test_a_calibration_without_crosstalk_has_none(base: tuple[Tensors, dict[str, str]]) -> None:
+    name, typed = "support.error_crosstalk", parse_board(TEXT.encode(), "small")
+    tables = drawn(np.random.default_rng(1), largest=False)
+    found = []
+    for changed in ({k: v for k, v in tables.items() if k != name}, {**tables, name: np.zeros(1, np.int32)}):
+        with Pipeline(typed, pack({**base[0], **changed}, base[1]).data) as core:
+            core.solve(displacements(np.random.default_rng(2), observed_shape(read_board(TEXT)))[2].reshape(1, -1, 3))
+            found.append(core.sigma()[1])
+    assert np.array_equal(*found)
+    with pytest.raises(InputError, match=name):
+        Pipeline(typed, pack({**base[0], **tables, name: np.zeros(2, np.int32)}, base[1]).data).close()
+
+
 def open_with(base: tuple[Tensors, dict[str, str]], tables: Tensors) -> None:
     file: CalibrationFile = pack({**base[0], **tables}, base[1])
     Pipeline(parse_board(FEW_NODES.encode(), "small"), file.data).close()

@@ -104,11 +104,11 @@ class Methods:
     """Each method: displacement (n_y, n_x, 3) m -> nodal force (n_y, n_x, 3) N, of a board whose window is its pad.
 
     "default" adds what finite strain makes where the `truth` is at finite strain; "default, linear" does not.
-    correlation_nodes: of the noise, where the calibration knows it (`fem.operators.Noise`).
+    long_share: of the noise, where the calibration knows it (`fem.operators.Noise`).
     """
 
     def __init__(
-        self, board: Board, truth: Strain = "linear", *, correlation_nodes: float | None = None,
+        self, board: Board, truth: Strain = "linear", *, long_share: tuple[float, float, float] | None = None,
         progress: Progress = lambda _: None,
     ) -> None:  # fmt: skip
         self.board = board
@@ -116,7 +116,7 @@ class Methods:
         slab = board_slab(board)
         self.places = node_places(slab, board.observed)
         self._condensed = condense(slab)
-        noise = Noise((5e-6, 5e-6, 20e-6), correlation_nodes=correlation_nodes)
+        noise = Noise((5e-6, 5e-6, 20e-6), long_share=long_share)
         linear = make_operator(board, method="optimal", noise=noise)
         progress(0.3)
         made = partial(make_operator, board, method="support", noise=noise, n_touches=N_TOUCHES)

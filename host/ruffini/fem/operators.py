@@ -29,6 +29,9 @@ Method = Literal["raw", "ridge", "optimal"]
 METHODS: tuple[str, ...] = get_args(Method)
 
 
+LONG_NODES = 3.0  # noise d node steps apart has the correlation exp(-d^2 / (4 LONG_NODES^2))
+
+
 @dataclass(frozen=True)
 class Noise:
     """What disturbs the observed displacement of one node.
@@ -41,20 +44,22 @@ class Noise:
         Standard deviation of one constant added to every u_z: the free constant of the depth.
     tilt_m : float
         Standard deviation, at the edge of the pad, of a plane added to u_z.
-    correlation_nodes : float, optional
-        Correlation length l of that part in node steps: exp(-d^2 / (4 l^2)) between nodes d steps apart; 0 is
-        white. Operators take the noise as white; the error model of the wrench needs it. None: not known.
+    long_share : (3,) floats, optional
+        Share of that part's variance, along x, y, z, that is correlated over LONG_NODES; the rest is white. Operators
+        take all of it as white; the error model of the wrench needs it. None: not known.
     """
 
     sigma_m: tuple[float, float, float]
     gauge_m: float = 0.0
     tilt_m: float = 0.0
-    correlation_nodes: float | None = None
+    long_share: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        values = (*self.sigma_m, self.gauge_m, self.tilt_m, self.correlation_nodes or 0.0)
+        values = (*self.sigma_m, self.gauge_m, self.tilt_m)
         if not all(np.isfinite(v) and v >= 0 for v in values) or min(self.sigma_m) <= 0:
             raise InputError(f"noise must be finite and, along x, y, z, above zero, got {values}")
+        if self.long_share is not None and not all(0 <= share <= 1 for share in self.long_share):
+            raise InputError(f"shares of noise with long correlation must be within 0 and 1, got {self.long_share}")
 
 
 @dataclass(frozen=True)

@@ -56,8 +56,9 @@ class MaterialSpread:
         return [*(replace(slab, poisson=p) for p in poisson), *(replace(slab, thickness_m=t) for t in thickness)]
 
 
-# A pad that was not measured. Its modulus is in `pad.stiffness_sigma_1e3`, which the board adds.
-AS_CAST = MaterialSpread(poisson=0.02, thickness=0.05)
+# Assumed of a pad that was not measured. How far forces differ from one pad to the next, `pad.stiffness_sigma_1e3`, the
+# board adds, though nu and thickness are a part of it: a wrench's sigma is a tenth too large.
+UNMEASURED = MaterialSpread(poisson=0.02, thickness=0.05)
 
 
 @dataclass(frozen=True)

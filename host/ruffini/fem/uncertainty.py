@@ -13,10 +13,10 @@ its variance from the largest pressure beside it and from m: what an edge, or fa
 The wrench's error is, for each contact about its own centre of pressure, a constant part and a part proportional to the
 pressing force (of a moment the lever: how far off the centre of pressure is; of shear the crosstalk), and for all
 contacts together a common factor of the shear and one of the pressure. Beside these, the whole wrench w errs with the
-pad's stiffness: s^2 w w^T is added. The fitted terms hold what a material known to 1 or 2 % makes
-(`touches.MaterialSpread`), s what is known of this pad: the board's `stiffness_sigma_1e3`, or what `cal fit --only
-material` leaves. The board does all of it in integers (firmware/solve/node_sigma.h,
-firmware/estimators/wrench_covariance.h). Not in the paper.
+pad's stiffness: s^2 w w^T is added. The fitted terms hold what a material known to 1 or 2 % makes, or one that was not
+measured (`touches.MaterialSpread`), s what is known of this pad: the board's `stiffness_sigma_1e3`, or what `cal fit
+--only material` leaves. The board does all of it in integers (firmware/solve/node_sigma.h,
+firmware/estimators/wrench_covariance.h) and adds what filled nodes err by. Not in the paper.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import pytest
 from kept import kept
 
 from ruffini.bench.coverage import Stated
-from ruffini.bench.states import UNSEEN, Recipe, State, Touch
+from ruffini.bench.states import Recipe, State, Touch
 from ruffini.boards import find_board
 from ruffini.estimators.operator.error_model import VARIANCE_RANGE, WRENCH_RANGES, node_places
 from ruffini.estimators.operator.fit import board_slab, make_operator
@@ -29,6 +29,7 @@ from ruffini.fem.finite_strain import (
     error_growth,
 )
 from ruffini.fem.operators import Noise
+from ruffini.fem.touches import UNMEASURED
 from ruffini.sim.unit import PadError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -94,7 +95,14 @@ def test_pads_that_were_not_measured_are_off_either_way_and_as_stiff_as_the_boar
     assert stiffer.std() == pytest.approx(BOARD.pad.stiffness_sigma_1e3 * 1e-3, rel=0.1)
     asked.clear()
     faults_stated.on_pads_as_stated("gelslim", PadError(modulus=1.05))
-    assert asked == [("gelslim", pad) for pad in faults_stated.AS_CAST], "the modulus is drawn, nothing else is known"
+    assert asked == [("gelslim", pad) for pad in faults_stated.UNMEASURED_PADS], "nothing of them is known"
+    off = [(pad.poisson - 1, pad.thickness - 1) for pad in faults_stated.UNMEASURED_PADS]
+    assert np.std(off, axis=0) == pytest.approx((UNMEASURED.poisson, UNMEASURED.thickness))
+
+
+def test_the_board_has_seen_the_noise_of_its_row() -> None:
+    assert max(faults_stated.measured_share("gelslim", faults_stated.WHITE_NOISE) or (1,)) < 0.03
+    assert min(faults_stated.measured_share("gelslim", faults_stated.CORRELATED_NOISE) or (0,)) > 0.1
 
 
 def test_finite_strain_is_judged_on_its_own_contacts_alone(methods: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,7 +110,7 @@ def test_finite_strain_is_judged_on_its_own_contacts_alone(methods: Any, monkeyp
     monkeypatch.setattr(faults_stated, "on_pad", lambda *given: asked.append(given) or [contact()])
     fault = next(one for one in faults_stated.FAULTS if one.strain == "finite")
     assert faults_stated.judge(methods, fault)[1] == "0.20"
-    assert asked == [("gelslim", None, "finite", UNSEEN)], "no pads whose material is off"
+    assert asked == [("gelslim", None, "finite")], "no pads whose material is off"
     assert set(methods.calibrated) == {"finite"}
 
 
@@ -146,11 +154,15 @@ def test_each_press_is_judged_with_the_weights_of_the_others(monkeypatch: pytest
         return FITTED
 
     right = large_strain.growth(BOARD, presses, weights_for)
+    leaking = [[replace(s, force=s.force + 0.05 * s.force[..., [2, 2, 2]] * [1, 0, 0]) for s in p] for p in presses]
+    leaks = large_strain.growth(BOARD, leaking, lambda _: FITTED).crosstalk
+    assert leaks == pytest.approx(0.05, rel=0.4), "of the pressure, along x alone"
     assert fitted_on == [[0.6, 1.0], [0.3, 1.0], [0.3, 0.6]]
     assert large_strain.growth(BOARD, presses, lambda _: EXACT).normal != right.normal
     off = [[replace(state, force=1.2 * state.force) for state in press] for press in presses]
     wrong = large_strain.growth(BOARD, off, lambda _: FITTED)
-    assert min(vars(right).values()) > 0
+    assert min(right.shear, right.normal, right.wrench) > 0
+    assert right.crosstalk < 0.01
     assert wrong.normal > 2 * right.normal
     assert wrong.wrench > 2 * right.wrench
 
@@ -190,4 +202,3 @@ def test_a_pad_at_finite_strain_states_more_than_a_linear_one(name: str) -> None
     assert is_raised.mean() < 0.25
     assert made[True]["support.error_crosstalk"] >= round(growth.crosstalk * (1 << 20))
     assert min(growth.shear / LINEAR_GROWTH.shear, growth.normal / LINEAR_GROWTH.normal) > 1
-    assert growth.wrench >= LINEAR_GROWTH.wrench

@@ -1,47 +1,71 @@
-"""The noise's correlation, told by what is left in means over blocks: of noise that is drawn with a known one."""
+"""How much of a displacement's noise is correlated: told of noise that is drawn so, and drawn as it was told."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from kept import kept
 from scipy.ndimage import gaussian_filter
 
-from ruffini.estimators.noise.stage import BLOCK, CORRELATION_RANGE, Power, correlation_nodes, power_of
+from ruffini.boards import find_board
+from ruffini.estimators.noise.stage import BLOCK, MIN_BLOCKS, Power, long_share, planes, power_of
+from ruffini.estimators.operator import error_model
+from ruffini.estimators.operator.fit import make_operator
+from ruffini.fem.operators import LONG_NODES, Noise
 
-SHAPE = (60, 80, 3)
 SIGMA_M = np.array([5e-6, 6e-6, 2e-5])
+BOARD = find_board("gelslim")
+SHAPE = (BOARD.grid.n_y, BOARD.grid.n_x, 3)
 
 
-def drawn(length: float) -> np.ndarray:
-    noise = np.random.default_rng(4).normal(size=SHAPE)
-    smooth = gaussian_filter(noise, (length, length, 0), mode="wrap") if length else noise
-    return (smooth / smooth.std(axis=(0, 1)) * SIGMA_M).reshape(-1, 3)
+def measured(noise: Noise, n_frames: int = 60) -> Power:
+    """Of frames as the error model draws them, with a constant and a tilt of z beside it, which are of no concern."""
+    rng, plane = np.random.default_rng(4), planes(BOARD)
+    beside = np.outer(plane @ [1e-4, 2e-5, -3e-5], [0, 0, 1])
+    drawn = [error_model._noise(rng, SHAPE, noise, may_be_white=False).reshape(-1, 3) for _ in range(n_frames)]
+    return Power.mean([power_of(one + beside, plane, SHAPE) for one in drawn])
 
 
-def plane() -> np.ndarray:
-    y, x = np.mgrid[-1 : 1 : SHAPE[0] * 1j, -1 : 1 : SHAPE[1] * 1j]
-    return np.stack([np.ones(x.size), x.ravel(), y.ravel()], axis=1)
+@pytest.mark.parametrize("share", [(0.0, 0.0, 0.0), (0.0, 0.3, 1.0), (0.6, 0.6, 0.1)])
+def test_the_share_of_drawn_noise_is_found_axis_by_axis(share: tuple[float, float, float]) -> None:
+    power = measured(Noise(tuple(SIGMA_M), long_share=share))
+    np.testing.assert_allclose(np.sqrt(power.node), SIGMA_M, rtol=0.12)
+    assert long_share(power) == pytest.approx(share, abs=0.12)
 
 
-@pytest.mark.parametrize("length", [0.0, 0.84, 1.5, 3.0])
-def test_the_length_of_drawn_noise_is_found(length: float) -> None:
-    tilted = drawn(length) + np.outer(plane() @ [1e-4, 2e-5, -3e-5], [0, 0, 1])  # of no concern: a constant and a tilt
-    power = power_of(tilted, plane(), SHAPE)
-    np.testing.assert_allclose(np.sqrt(power.node), SIGMA_M, rtol=0.08)
-    found = correlation_nodes(float(np.mean(power.block / power.node)))
-    assert found == pytest.approx(length, rel=0.15, abs=0.35)
+def test_noise_of_which_nothing_is_known_is_half_white_and_half_beside_long_noise() -> None:
+    assert measured(Noise(tuple(SIGMA_M))).node == pytest.approx(SIGMA_M**2 * 1.25, rel=0.1)
 
 
-def test_blocks_of_white_noise_have_the_power_of_its_nodes_and_a_constant_has_all() -> None:
-    white = power_of(drawn(0.0), plane(), SHAPE)
-    np.testing.assert_allclose(white.block / white.node, 1, atol=0.2)
-    same = power_of(np.tile([1e-6, 0, 0], (SHAPE[0] * SHAPE[1], 1)), plane(), SHAPE)
-    assert same.block[0] / same.node[0] == pytest.approx(BLOCK**2)
-    assert correlation_nodes(BLOCK**2) == CORRELATION_RANGE[1]
-    assert correlation_nodes(0.5) == 0.0
+def test_noise_that_is_correlated_over_few_nodes_is_told_by_what_a_contact_sees_of_it() -> None:
+    """Its share is that of noise with the same variance over a block."""
+    rng, of_block = np.random.default_rng(2), []
+    for _ in range(60):
+        smooth = gaussian_filter(rng.normal(size=SHAPE), (0.84, 0.84, 0), mode="wrap")
+        of_block.append(power_of((smooth / smooth.std()).reshape(-1, 3), planes(BOARD), SHAPE))
+    power = Power.mean(of_block)
+    assert power.block is not None
+    assert power.block / power.node == pytest.approx(6.4, rel=0.1), "of an endless block 4 pi 0.84^2 = 8.9"
+    x, y, z = long_share(power) or (0.0, 0.0, 0.0)
+    assert min(x, y, z) > 0.15
+    assert max(x, y, z) < 0.4
 
 
-def test_powers_are_averaged_axis_by_axis() -> None:
-    mean = Power.mean([Power(np.array([1.0, 2, 3]), np.zeros(3)), Power(np.array([3.0, 2, 1]), np.ones(3))])
-    assert mean.node.tolist() == [2, 2, 2]
-    assert mean.block.tolist() == [0.5, 0.5, 0.5]
+def test_a_grid_of_few_blocks_tells_nothing() -> None:
+    shape = (3 * BLOCK, (MIN_BLOCKS - 1) // 3 * BLOCK, 3)
+    field = np.random.default_rng(1).normal(size=shape).reshape(-1, 3)
+    assert long_share(power_of(field, np.ones((len(field), 1)), shape)) is None
+    thin = np.ones((3 * 40, 3))
+    assert long_share(power_of(thin, np.ones((len(thin), 1)), (3, 40, 3))) is None
+
+
+def test_long_noise_makes_wrenches_less_sure_and_so_does_a_pad_that_was_not_measured() -> None:
+    def wrench(share: float, *, is_fitted: bool = True) -> np.ndarray:
+        noise = Noise(tuple(SIGMA_M), long_share=(share, share, share))
+        kind = kept(make_operator, BOARD, method="support", noise=noise, n_touches=60, is_fitted=is_fitted)
+        return kind.tensors["support.error_wrench"]
+
+    white, of_long, unmeasured = wrench(0.0), wrench(1.0), wrench(0.0, is_fitted=False)
+    assert of_long[0, 0] > 2 * white[0, 0], "constant error of shear"
+    assert unmeasured[3, 1] > 1.5 * white[3, 1], "common error of all pressure"
+    assert LONG_NODES > 1

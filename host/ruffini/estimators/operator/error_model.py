@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ruffini.errors import InputError
 from ruffini.fem.finite_strain import ErrorGrowth
-from ruffini.fem.operators import Noise
+from ruffini.fem.operators import LONG_NODES, Noise
 from ruffini.fem.slab import Slab
 from ruffini.fem.touches import MaterialSpread, Touch, TouchMaker
 from ruffini.fem.uncertainty import (
@@ -43,10 +43,9 @@ WRENCH_RANGES = ((100, 1 << 20), (100, 1 << 24), (0, 1 << 20), (0, 1 << 20))  # 
 FITTED = MaterialSpread()
 N_TOUCHES = 120
 SEED = 20_000
-# Where the noise's correlation is not known: noise of long correlation beside the white one in every second touch, as a
-# badly integrated depth has it.
+# Where the noise's correlation is not known: in every second touch so much noise of long correlation, over the white
+# one's standard deviation, beside it, as a badly integrated depth has it.
 CORRELATED_PART = 0.5
-CORRELATION_NODES = 3.0
 
 
 @dataclass(frozen=True)
@@ -190,18 +189,13 @@ def _observations(
 
 
 def _noise(rng: np.random.Generator, shape: tuple[int, ...], noise: Noise, *, may_be_white: bool) -> Array:
-    """Noise of the operator's standard deviation and correlation; if that is not known, as CORRELATED_PART says."""
-    length = noise.correlation_nodes
-    unit = _correlated(rng, shape, CORRELATION_NODES if length is None else length)
-    if length is None:
-        unit = (0.0 if may_be_white else CORRELATED_PART) * unit + rng.normal(size=shape)
-    return np.asarray(unit * np.array(noise.sigma_m))
-
-
-def _correlated(rng: np.random.Generator, shape: tuple[int, ...], length_nodes: float) -> Array:
-    """Noise (n_y, n_x, 3) of standard deviation 1 whose correlation at d nodes is exp(-d^2 / (4 length^2))."""
+    """Noise (n_y, n_x, 3) m as `noise` has it; if its correlation is not known, as CORRELATED_PART says."""
+    smooth = gaussian_filter(rng.normal(size=shape), (LONG_NODES, LONG_NODES, 0), mode="reflect")
+    smooth /= np.maximum(smooth.std(axis=(0, 1)), 1e-12)
     white = rng.normal(size=shape)
-    if length_nodes <= 0:
-        return white
-    smooth = gaussian_filter(white, (length_nodes, length_nodes, 0), mode="reflect")
-    return np.asarray(smooth / max(float(np.std(smooth)), 1e-12))
+    if noise.long_share is None:
+        unit = white + (0.0 if may_be_white else CORRELATED_PART) * smooth
+    else:
+        share = np.array(noise.long_share)
+        unit = np.sqrt(1 - share) * white + np.sqrt(share) * smooth
+    return np.asarray(unit * np.array(noise.sigma_m))

@@ -25,7 +25,7 @@ from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
 from ruffini.fem.symmetry import Sites, node_sites
-from ruffini.fem.touches import AS_CAST
+from ruffini.fem.touches import UNMEASURED
 from ruffini.reflection import dense_from_blocks, spd_inverse
 
 Tensors = dict[str, npt.NDArray[np.generic]]
@@ -265,10 +265,11 @@ def _made(
             errors = fit_error_model(
                 slab, board.observed, second_pass(board, matrix, system), noise, force_step_n=lsb * 1e-6,
                 threshold_n=board.contact.threshold_un * 1e-6, n_touches=n_touches,
-                observe=None if depth is None else depth.observe, spread=FITTED if is_fitted else AS_CAST,
+                observe=None if depth is None else depth.observe, spread=FITTED if is_fitted else UNMEASURED,
                 progress=lambda done: progress(0.6 + 0.4 * done),
             )  # fmt: skip
-            errors = errors.grown(error_growth(slab) if is_finite else LINEAR_GROWTH)
+            growth = error_growth(slab) if is_finite else LINEAR_GROWTH if depth is None else None
+            errors = errors if growth is None else errors.grown(growth)
             tensors |= error_tensors(errors)
         except InputError as error:
             errors, no_errors = None, str(error)
