@@ -27,7 +27,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels resolution steady bench profile oracle aarch64 wheel wheels deb arm64 vm pi board fresh version release clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-format lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile gels resolution steady bench profile oracle aarch64 wheel wheels deb arm64 vm pi board fresh version release clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -101,11 +101,13 @@ lint-python: setup  ## ruff, mypy --strict, and that nothing is newer than Pytho
 lint-page: build  ## types of the page, strict
 	@npm --prefix host/page --silent run check
 
+lint-format: setup  ## clang-format on all C++
+	@git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run -Werror
+
 # ANALYZE=I/N: the analyzer, half of clang-tidy's time, only on every N-th file, from number I; all other checks on all files.
 ANALYZE ?= 0/1
-lint-cpp: build  ## clang-format on all C++, clang-tidy on the core
+lint-cpp: build lint-format  ## clang-tidy on the core
 	@.ci/setup lint
-	@git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run -Werror
 	@git ls-files 'firmware/image/*.cpp' 'firmware/solve/*.cpp' 'firmware/core/*.cpp' 'firmware/estimators/*.cpp' 'firmware/stages/*.cpp' firmware/frame_calibration.cpp firmware/frame_path.cpp \
 	  firmware/link/frame_codec.cpp firmware/link/dense_codec.cpp firmware/store/calibration.cpp \
 	  | awk -v turn='$(ANALYZE)' '{split(turn, t, "/"); print "--checks=" (NR % t[2] == t[1] ? "" : "-clang-analyzer-*"), $$0}' \
