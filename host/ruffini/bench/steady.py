@@ -163,7 +163,11 @@ def run(board: Board, *, quick: bool = False, progress: Progress = lambda _: Non
     if refused := no_flat_field(board):
         raise InputError(refused)
     kind = make_operator(
-        board, method="support", noise=Noise((5e-6, 5e-6, 20e-6)), n_touches=N_TOUCHES // 4 if quick else N_TOUCHES
+        board,
+        method="support",
+        noise=Noise((5e-6, 5e-6, 20e-6)),
+        n_touches=N_TOUCHES // 4 if quick else N_TOUCHES,
+        is_fitted=True,
     )
     data = container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}).data
     progress(0.3)
