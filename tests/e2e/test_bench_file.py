@@ -176,7 +176,7 @@ def test_six_axes_over_the_network_that_stand_turned(
     with EmulatedGrbl() as machine, EmulatedPage(4.0) as page:
         desk = Desk(bench_twin, tmp_path, Hanging(machine, bench_twin.unit, Indenter("sphere", 0.003)), capsys)
         desk.bench.cell.mount = Mount((0.0, 0.0, 90.0))  # the pad's x is its y
-        desk.bench.cell.loses_each = 10
+        desk.bench.cell.loses_each = 5  # of ten in the second that the check counts, so one at least is lost in it
         origin = ", ".join(f"{1e3 * v:.3f}" for v in ORIGIN)
         rig = f"""[reference]
 kind = "network"
@@ -207,7 +207,7 @@ origin_mm = [{origin}]
     n_lost = [touch.facts["lost_packets"] for touch in log.touches]
     assert log.found["reference"]["lost_packets"] == sum(n_lost)
     for touch, n in zip(log.touches, n_lost, strict=True):
-        assert n == pytest.approx(len(touch.arrays["reference_s"]) / 9, abs=1.5)
+        assert n == pytest.approx(len(touch.arrays["reference_s"]) / 4, abs=1.5)
     assert "packets lost or damaged: " in log.found["checks"]["rate"]["text"]
     assert "packets of the reference lost or damaged: " in said
 
