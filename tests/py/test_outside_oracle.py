@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kept import kept
+from scipy.optimize import curve_fit
 
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import Scores
@@ -42,7 +43,7 @@ from compare import (
 )  # fmt: skip
 from deck import SETTLED_CONTACT, Pad, Place, write_deck
 from mesh import HALF_STEPS, PadMesh, graded, punch, sheet
-from presses import NEO_HOOKE, PRESSES, deck_of
+from presses import NEO_HOOKE, PRESSES, STIFFENING, deck_of
 from results import POINTS, Printed, Surface, brick_gradients, face_shapes, read_dat, surface_forces
 from solve import OracleError, solved
 
@@ -452,6 +453,23 @@ def test_every_nth_press_is_chosen() -> None:
 def test_presses_that_are_solved_on_half_of_the_pad_come_first() -> None:
     """`.ci/run` solves one of the first 13 again."""
     assert [press.is_mirrored for press in PRESSES] == [True] * 13 + [False] * 3
+
+
+def test_the_stiffening_pad_is_a_published_silicone() -> None:
+    """Engineering stress (MPa) of Dragon Skin 10 Medium, of Marechal et al.'s tension test (README.md there)."""
+    strain = np.array([0.09084, 0.22727, 0.36364, 0.5, 0.63637, 0.77273, 0.90909, 1.0, 1.18182, 1.36364, 1.5])
+    stress = np.array(
+        [0.01013, 0.024197, 0.0381, 0.052997, 0.069057, 0.08474, 0.101047, 0.112963, 0.138993, 0.167917, 0.190583]
+    )
+
+    def ogden(strain: np.ndarray, shear: float, exponent: float) -> np.ndarray:
+        stretch = 1 + strain
+        return 2 * shear / exponent * (stretch ** (exponent - 1) - stretch ** (-exponent / 2 - 1))
+
+    (shear, exponent), _ = curve_fit(ogden, strain, stress, (0.04, 3.0))
+    assert exponent == pytest.approx(STIFFENING, abs=0.03)
+    assert shear == pytest.approx(40.4e-3, rel=0.01)
+    assert np.sqrt(np.mean((ogden(strain, shear, exponent) - stress) ** 2)) < 0.004 * stress.max()
 
 
 def test_all_presses_are_kept_and_their_forces_balance() -> None:

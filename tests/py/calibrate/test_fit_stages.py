@@ -105,6 +105,7 @@ def test_a_log_makes_a_calibration_that_passes_and_says_so(fitted, board: Board)
     assert material_of(file) == pytest.approx(TRUE, rel=0.03)
     assert job.noise is not None
     assert job.noise.sigma_m[0] < 20e-6
+    assert job.noise.long_share is None, "its grid has too few blocks"
     assert set(file.kinds) == {"operator", "photometric", "support"}
     residuals = json.loads(file.metadata["residuals"])
     assert residuals["stages"]["photometric"]["state"] == "given"

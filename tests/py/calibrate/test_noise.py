@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from kept import kept
 from scipy.ndimage import gaussian_filter
 
 from ruffini.boards import find_board
-from ruffini.estimators.noise.stage import BLOCK, MIN_BLOCKS, Power, long_share, planes, power_of
+from ruffini.estimators.noise import stage
+from ruffini.estimators.noise.stage import BLOCK, MIN_BLOCKS, MIN_REST, Power, long_share, planes, power_of
 from ruffini.estimators.operator import error_model
 from ruffini.estimators.operator.fit import make_operator
+from ruffini.fem.finite_strain import LINEAR_GROWTH
 from ruffini.fem.operators import LONG_NODES, Noise
+from ruffini.fem.uncertainty import NodeError, WrenchError
 
 SIGMA_M = np.array([5e-6, 6e-6, 2e-5])
 BOARD = find_board("gelslim")
@@ -57,6 +63,34 @@ def test_a_grid_of_few_blocks_tells_nothing() -> None:
     assert long_share(power_of(field, np.ones((len(field), 1)), shape)) is None
     thin = np.ones((3 * 40, 3))
     assert long_share(power_of(thin, np.ones((len(thin), 1)), (3, 40, 3))) is None
+
+
+@pytest.mark.parametrize(("n_rest", "wanted"), [(MIN_REST, 0.8), (MIN_REST - 1, 0.5)])
+def test_the_fit_takes_the_larger_of_rest_and_touch(
+    monkeypatch: pytest.MonkeyPatch, n_rest: int, wanted: float
+) -> None:
+    """Too few untouched frames tell nothing; boards that see no depth draw the noise of their markers themselves."""
+    rest, touch = (Noise(tuple(SIGMA_M), long_share=(share,) * 3) for share in (0.8, 0.5))
+    monkeypatch.setattr(stage, "unexplained", lambda *_: measured(touch))
+    rng = np.random.default_rng(6)
+    frames = [error_model._noise(rng, SHAPE, rest, may_be_white=True).reshape(-1, 3) for _ in range(n_rest)]
+    job = SimpleNamespace(board=BOARD, log=lambda: SimpleNamespace(rest=np.array(frames)), noise=None)
+    outcome = stage.NOISE.fit(job, lambda _: None)
+    assert job.noise.long_share == pytest.approx((wanted,) * 3, abs=0.2)
+    assert outcome.report["long_share"] == job.noise.long_share
+    assert np.array(job.noise.sigma_m) == pytest.approx(SIGMA_M, rel=0.15)
+    by_markers = BOARD.depth.model_copy(update={"source": "markers"})
+    job.board = BOARD.model_copy(update={"depth": by_markers})
+    stage.NOISE.fit(job, lambda _: None)
+    assert job.noise.long_share is None
+
+
+def test_growth_keeps_the_larger_crosstalk() -> None:
+    found = WrenchError(np.ones(2), np.ones(2), np.ones(2), np.ones(2), crosstalk=5e-3)
+    model = error_model.ErrorModel(NodeError(np.ones((2, 12)), np.ones((2, 7)), np.ones((2, 4))), found)
+    assert model.grown(LINEAR_GROWTH).wrench.crosstalk == pytest.approx(5e-3 * np.sqrt(LINEAR_GROWTH.wrench))
+    larger = replace(LINEAR_GROWTH, crosstalk=0.02)
+    assert model.grown(larger).wrench.crosstalk == 0.02
 
 
 def test_long_noise_makes_wrenches_less_sure_and_so_does_a_pad_that_was_not_measured() -> None:
