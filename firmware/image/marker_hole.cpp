@@ -6,11 +6,20 @@ namespace ruffini {
 namespace {
 
 constexpr int kBadQuality = 40;
-constexpr int kHole = 4;
+
+// So many bad markers within side x side.
+struct Hole {
+  int side = 3;
+  int count = 4;
+};
 
 }  // namespace
 
-bool has_hole(std::span<const Marker> markers, GridSize size, int width_px, int height_px) {
+bool has_hole(std::span<const Marker> markers, const MarkerSettings& lattice, int width_px, int height_px) {
+  const GridSize size = lattice.lattice;
+  const int64_t pitch_um = std::min(lattice.pitch_x_um, lattice.pitch_y_um);
+  const bool is_wide = pitch_um >= kWidePitchUm;
+  const Hole hole = pitch_um < kNarrowPitchUm ? Hole{.side = 5, .count = 12} : Hole{};
   if (size.n_x < 4 || size.n_y < 4) return false;
   const auto at = [&](int i, int j) -> const Marker& { return markers[static_cast<size_t>(j * size.n_x + i)]; };
   const auto is_inside = [](int64_t now, int64_t margin, int size_px) {
@@ -27,14 +36,18 @@ bool has_hole(std::span<const Marker> markers, GridSize size, int width_px, int 
   for (int j = 1; j + 1 < size.n_y; ++j) {
     for (int i = 1; i + 1 < size.n_x; ++i) {
       if (!is_bad(i, j)) continue;
-      // Checks every 3 x 3 that has this marker in its upper left, centre or right: the first bad one in row order is
-      // in the top row.
-      for (int left = std::max(i - 2, 1); left <= i; ++left) {
+      if (is_wide && at(i, j).is_lost) {
+        const bool is_right_lost = i + 2 < size.n_x && at(i + 1, j).is_lost && is_bad(i + 1, j);
+        const bool is_lower_lost = j + 2 < size.n_y && at(i, j + 1).is_lost && is_bad(i, j + 1);
+        if (is_right_lost || is_lower_lost) return true;
+      }
+      // Checks every square that has this marker in its top row, in which the first bad one in row order is.
+      for (int left = std::max(i - hole.side + 1, 1); left <= i; ++left) {
         int n = 0;
-        for (int y = j; y <= std::min(j + 2, size.n_y - 2); ++y) {
-          for (int x = left; x <= std::min(left + 2, size.n_x - 2); ++x) n += is_bad(x, y) ? 1 : 0;
+        for (int y = j; y < std::min(j + hole.side, size.n_y - 1); ++y) {
+          for (int x = left; x < std::min(left + hole.side, size.n_x - 1); ++x) n += is_bad(x, y) ? 1 : 0;
         }
-        if (n >= kHole) return true;
+        if (n >= hole.count) return true;
       }
     }
   }

@@ -1,20 +1,30 @@
 // Detects torn or hidden coating, where light does not indicate depth, by printed markers that are lost together.
 //
 //   bad: lost, or of a quality below 40 (0.23 px off), while expected more than half a pitch inside the picture
-//   hole: four bad markers within 3 x 3 of the lattice, not counting its border
+//   hole: bad markers close together, not counting the lattice's border, by the smaller of its pitches:
+//           below kNarrowPitchUm    12 within 5 x 5: edges of deep faces hide a line of dots, at most 7 of 5 x 5
+//           from there on           4 within 3 x 3
+//           from kWidePitchUm on    also two lost neighbours along an axis
 //
-// Presses on the twin up to 1.2 mm deep and sheared by 0.5 mm cause at most two, the recorded video of a real pad
-// sheared by two pitches three. Single markers under dirt are harmless: their neighbours fill them. For lattices of
-// printed markers in one view. Frame thread; no allocation. Not in the papers.
+// Presses on the twin up to 1.2 mm deep and sheared by 0.5 mm cause at most two bad markers within 3 x 3 at pitches of
+// 1 and 2 mm, the recorded video of a real pad (2 mm) sheared by two pitches three, and no two lost neighbours. Single
+// markers under dirt are harmless: their neighbours fill them. A hole of 3.3 mm is found wherever it is
+// (test_torn_coating.py). For lattices of printed markers in one view. Frame thread; no allocation. Not in the papers.
 #pragma once
 
+#include <cstdint>
 #include <span>
 
+#include "board/settings.h"
 #include "image/markers.h"
 
 namespace ruffini {
 
-// `markers`: size.count() of them, row by row.
-[[nodiscard]] bool has_hole(std::span<const Marker> markers, GridSize size, int width_px, int height_px);
+inline constexpr int64_t kNarrowPitchUm = 750;
+inline constexpr int64_t kWidePitchUm = 1'500;
+
+// `markers`: those of the board's lattice, row by row.
+[[nodiscard]] bool has_hole(std::span<const Marker> markers, const MarkerSettings& lattice, int width_px,
+                            int height_px);
 
 }  // namespace ruffini

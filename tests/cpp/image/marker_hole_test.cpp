@@ -29,10 +29,27 @@ std::vector<Marker> lattice() {
 
 using Places = std::vector<std::pair<int, int>>;
 
-bool is_hole(const Places& lost, void (*spoil)(Marker&) = [](Marker& m) { m.is_lost = true; }) {
+constexpr int64_t kMiddleUm = 1'000;
+
+MarkerSettings settings(int64_t pitch_x_um, int64_t pitch_y_um) {
+  MarkerSettings out;
+  out.lattice = kSize;
+  out.pitch_x_um = pitch_x_um;
+  out.pitch_y_um = pitch_y_um;
+  return out;
+}
+
+void lose(Marker& m) { m.is_lost = true; }
+
+bool is_hole(const Places& lost, void (*spoil)(Marker&) = lose,
+             const MarkerSettings& board = settings(kMiddleUm, kMiddleUm)) {
   std::vector<Marker> markers = lattice();
   for (const auto& [i, j] : lost) spoil(markers[static_cast<size_t>(j * kSize.n_x + i)]);
-  return has_hole(markers, kSize, kWidth, kHeight);
+  return has_hole(markers, board, kWidth, kHeight);
+}
+
+bool is_wide_hole(const Places& lost, void (*spoil)(Marker&) = lose) {
+  return is_hole(lost, spoil, settings(kWidePitchUm, kWidePitchUm));
 }
 
 TEST(MarkerHole, FourThatGoTogetherAreOne) {
@@ -63,7 +80,40 @@ TEST(MarkerHole, WhatLeavesTheViewOrIsAtTheBorderIsNone) {
   })) << "they left";
   std::vector<Marker> few = lattice();
   for (Marker& m : few) m.is_lost = true;
-  EXPECT_FALSE(has_hole(std::span(few).first(9), {3, 3}, kWidth, kHeight)) << "nothing inside the border";
+  MarkerSettings three = settings(kMiddleUm, kMiddleUm);
+  three.lattice = {3, 3};
+  EXPECT_FALSE(has_hole(std::span(few).first(9), three, kWidth, kHeight)) << "nothing inside the border";
+}
+
+TEST(MarkerHole, ANarrowLatticeNeedsTwelveOfFiveByFive) {
+  const auto is_narrow_hole = [](const Places& lost) {
+    return is_hole(lost, lose, settings(kNarrowPitchUm - 1, kMiddleUm));
+  };
+  Places twelve;
+  for (int j = 1; j < 4; ++j) {
+    for (int i = 1; i < 5; ++i) twelve.emplace_back(i, j);
+  }
+  EXPECT_TRUE(is_narrow_hole(twelve));
+  const Places eleven(twelve.begin(), twelve.end() - 1);
+  EXPECT_FALSE(is_narrow_hole(eleven));
+  EXPECT_TRUE(is_hole(eleven, lose, settings(kNarrowPitchUm, kNarrowPitchUm)));
+  Places corners = eleven;
+  corners.emplace_back(5, 4);  // still within 5 x 4
+  EXPECT_TRUE(is_narrow_hole(corners));
+}
+
+TEST(MarkerHole, TwoLostNeighboursOfAWideLatticeAreOne) {
+  EXPECT_TRUE(is_wide_hole({{2, 2}, {3, 2}})) << "beside each other";
+  EXPECT_TRUE(is_wide_hole({{4, 3}, {4, 4}})) << "one below the other";
+  EXPECT_TRUE(is_wide_hole({{1, 1}, {4, 4}, {5, 4}})) << "not the first ones";
+  EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 3}})) << "across";
+  EXPECT_FALSE(is_wide_hole({{2, 2}, {4, 2}})) << "apart";
+  EXPECT_FALSE(is_wide_hole({{5, 2}, {6, 2}})) << "one at the border";
+  EXPECT_FALSE(is_wide_hole({{2, 4}, {2, 5}})) << "one at the border";
+  EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 2}}, [](Marker& m) { m.quality = 39; })) << "doubtful, as under a press";
+  EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 2}}, [](Marker& m) { m.is_lost = m.is_absent = true; })) << "never seen";
+  EXPECT_FALSE(is_hole({{2, 2}, {3, 2}}, lose, settings(kWidePitchUm, kWidePitchUm - 1)));
+  EXPECT_FALSE(is_hole({{2, 2}, {3, 2}}, lose, settings(kWidePitchUm - 1, kWidePitchUm)));
 }
 
 }  // namespace
