@@ -196,7 +196,7 @@ def fit(board: Board, states: list[State]) -> Weights:
             linear.reshape(u.shape)[..., 2], threshold_n=board.contact.threshold_un * 1e-6,
             min_nodes=board.contact.min_nodes,
         )  # fmt: skip
-        return solve_on_support(system, u.ravel() + compliance @ part, linear, mask.ravel(), threshold_n=least_n)
+        return solve_on_support(system, u.ravel(), linear, mask.ravel(), threshold_n=least_n, beyond_n=part)
 
     rows, lacking, slopes, errors = [], [], [], []
     for state in states:

@@ -67,6 +67,14 @@ class SupportSystem:
     shape: tuple[int, int]
     shear_noise: float
 
+    def evidence(self, rows: npt.NDArray[np.intp], displacement_m: Array, beyond_n: Array | None = None) -> Array:
+        """Some rows of b of u + C Q: the displacement that a linear pad would have under the same forces.
+
+        beyond_n: Q, the finite-strain part of the force that u (m,) needs, beside the linear K u.
+        """
+        b = self.project[rows] @ displacement_m
+        return b if beyond_n is None else b + self.normal[rows] @ (beyond_n / self.scale_n)
+
 
 def support_system(
     condensed: CondensedSlab, noise: Noise, observed: npt.NDArray[np.bool_], linear: Array
@@ -98,8 +106,9 @@ def support_system(
 
 
 def solve_on_support(
-    system: SupportSystem, displacement_m: Array, start_n: Array, mask: Array, *, threshold_n: float
-) -> Array:
+    system: SupportSystem, displacement_m: Array, start_n: Array, mask: Array, *, threshold_n: float,
+    beyond_n: Array | None = None,
+) -> Array:  # fmt: skip
     """Float reference of the board's second pass.
 
     Parameters
@@ -110,6 +119,8 @@ def solve_on_support(
         `contact_mask` of the observed nodes.
     threshold_n : float
         T, above zero.
+    beyond_n : (m,) float64, optional
+        Finite-strain part of the force, which `start_n` already contains (`FiniteStrain.force`).
 
     Returns
     -------
@@ -119,7 +130,7 @@ def solve_on_support(
     nodes = np.flatnonzero(mask > 0)
     index = (3 * nodes[:, None] + np.arange(3)).ravel()
     contacts = _contacts(mask.reshape(system.shape), nodes)
-    scale, b = system.scale_n[index].reshape(-1, 3), (system.project[index] @ displacement_m).reshape(-1, 3)
+    scale, b = system.scale_n[index].reshape(-1, 3), system.evidence(index, displacement_m, beyond_n).reshape(-1, 3)
     h = system.normal[np.ix_(index, index)]
     weight = mask[nodes, None]
     y = weight * start_n[index].reshape(-1, 3) / scale

@@ -228,6 +228,11 @@ def test_three_presses_are_enough_after_a_gel_was_changed(fitted, board: Board, 
     assert job.fit is not None
     assert job.fit.prior.source == "previous"
     assert tuple(job.fit.material) == pytest.approx(TRUE, rel=0.03)
+    assert not job.fit.is_finite
+    finite = Job(board, job.paths, previous=before, is_finite=True)
+    material.MATERIAL.fit(finite, lambda _: None)
+    assert finite.fit is not None
+    assert finite.fit.is_finite
     alone = Job(board, job.paths, parts=[colours(board)])
     with pytest.raises(InputError, match="3 touches above") as caught:
         run_stages(alone, frozenset(), tell=lambda *_: None)

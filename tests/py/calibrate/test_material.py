@@ -17,6 +17,7 @@ from ruffini.estimators.material.fit import (
     MaterialFit,
     fit_material,
     log_from_frames,
+    other_strain,
     read_material,
     read_stiffness_sigma,
 )
@@ -24,6 +25,7 @@ from ruffini.estimators.material.model import MaterialLog
 from ruffini.estimators.material.prior import Prior, board_prior, fleet_prior, next_gel_prior, read_prior, write_prior
 from ruffini.estimators.operator.fit import Material, board_slab
 from ruffini.fem.condense import condense, surface_stiffness
+from ruffini.fem.finite_strain import EXACT, finite_strain
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import Slab
 from ruffini.reflection import dense_from_blocks, spd_inverse
@@ -45,30 +47,41 @@ def compliance_of(slab: Slab) -> np.ndarray:
     return dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
 
 
-def touches(board: Board, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def touches(
+    board: Board, n: int, rng: np.random.Generator, *, is_finite: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     """Displacement and wrench of n touches of four frames each, with an untouched frame before each."""
     slab = board_slab(board, TRUE)
     compliance = compliance_of(slab)
+    law = finite_strain(slab, (slab.n_y, slab.n_x), EXACT)
+
+    def pressed(force: np.ndarray) -> np.ndarray:
+        """u of F = K u, or of F = K u + Q(u) to second order."""
+        u = compliance @ force.ravel()
+        if is_finite:
+            u = u - compliance @ law.force(u.reshape(slab.n_y, slab.n_x, 3)).ravel()
+        return u.reshape(-1, 3)
+
     x = np.linspace(-0.5, 0.5, slab.n_x) * slab.size_x_m
     y = np.linspace(-0.5, 0.5, slab.n_y) * slab.size_y_m
     grid = np.stack(np.meshgrid(x, y), axis=-1)
     arms = np.concatenate([grid, np.zeros((*grid.shape[:2], 1))], axis=-1).reshape(-1, 3)
     displacement, wrench = [np.zeros((slab.n_nodes, 3))], [np.zeros(6)]
     for _ in range(n):
-        center, radius = rng.uniform([-5e-3, -4e-3], [5e-3, 4e-3]), rng.uniform(2e-3, 4e-3)
+        center, radius = rng.uniform([-5e-3, -4e-3], [5e-3, 4e-3]), rng.uniform(3.2e-3 if is_finite else 2e-3, 4e-3)
         pressure = np.sqrt(np.maximum(1 - ((grid - center) ** 2).sum(axis=-1) / radius**2, 0))
         shear = rng.uniform(-0.5, 0.5, 2)
-        for load in np.linspace(0.4, 1.0, 4) * rng.uniform(0.5, 3.0):
+        for load in np.linspace(0.4, 1.0, 4) * rng.uniform(0.5, 1.5 if is_finite else 3.0):
             force = (load / pressure.sum() * pressure)[..., None] * np.array([*shear, -1.0])
             force = force.reshape(-1, 3)
-            displacement.append((compliance @ force.ravel()).reshape(-1, 3) + rng.normal(0, 2e-6, force.shape))
+            displacement.append(pressed(force) + rng.normal(0, 2e-6, force.shape))
             wrench.append(np.concatenate([force.sum(axis=0), np.cross(arms, force).sum(axis=0)]))
         displacement.append(np.zeros((slab.n_nodes, 3)))
         wrench.append(np.zeros(6))
     return np.array(displacement), np.array(wrench)
 
 
-def fitted(board: Board, log: MaterialLog, **how: Prior) -> MaterialFit:
+def fitted(board: Board, log: MaterialLog, **how: Prior | bool) -> MaterialFit:
     return kept(fit_material, board, log, NOISE, **how)
 
 
@@ -80,6 +93,32 @@ def test_finds_the_pad_and_its_uncertainty(board: Board) -> None:
     assert (np.abs(fit.values - TRUE) < 3 * fit.interval + [3000, 0.005, 5e-5]).all()
     before, after = (np.sqrt(((w - fit.reference)[:, :3] ** 2).mean()) for w in (fit.before, fit.after))
     assert after < 0.25 * before
+
+
+def test_deep_presses_are_fitted_at_finite_strain(board: Board) -> None:
+    u, wrench = touches(board, 12, np.random.default_rng(4), is_finite=True)
+    assert 0.4e-3 < -u[..., 2].min() < 0.6e-3
+    log = log_from_frames(u, wrench)
+    linear, finite = fitted(board, log), fitted(board, log, is_finite=True)
+    assert (np.abs(finite.values / TRUE - 1) < [0.03, 0.02, 0.03]).all()
+    assert np.abs(linear.values / TRUE - 1).max() > 0.05
+    off = {name: np.sqrt(((f.after - f.reference)[:, :3] ** 2).mean()) for name, f in (("l", linear), ("f", finite))}
+    assert off["f"] < 0.6 * off["l"]
+
+
+def test_a_fit_at_another_strain_is_named(board: Board, tmp_path: Path) -> None:
+    u, wrench = touches(board, 12, np.random.default_rng(4), is_finite=True)
+    path = tmp_path / "material.json"
+    write_fit(path, board, fitted(board, log_from_frames(u, wrench), is_finite=True).report())
+    assert json.loads(path.read_text())["strain"] == "finite"
+    assert other_strain(path, board, is_finite=True) is None
+    said = other_strain(path, board, is_finite=False)
+    assert said is not None
+    assert said.startswith(f"{path} was fitted at finite strain and is used at linear")
+    tree = json.loads(path.read_text())
+    del tree["strain"]  # a file of before
+    path.write_text(json.dumps(tree))
+    assert other_strain(path, board, is_finite=False) is None
 
 
 def test_the_shape_of_the_displacement_tells_ratio_and_thickness_apart(board: Board) -> None:

@@ -13,7 +13,9 @@ from test_dark_verb import write_dark
 
 from ruffini.calibrate import container
 from ruffini.calibrate.fit.job import Job, Outcome
+from ruffini.errors import InputError
 from ruffini.estimators.commands import COMMANDS
+from ruffini.estimators.material import stage as material
 from ruffini.estimators.material.stage import MATERIAL
 from ruffini.estimators.table import ESTIMATORS
 
@@ -77,6 +79,41 @@ def test_numbers_for_the_operator_are_json_with_their_gates(
     file = container.read(operator)
     assert file.metadata["operator.material"] == "210000,0.48,0.004"
     assert file.metadata["gates"] == "failed: interval of E"
+
+
+def test_strain_reaches_the_fit_of_the_material_and_the_operator_names_another(
+    files: Files, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[bool] = []
+
+    def fit_material(*_: object, is_finite: bool, **__: object) -> None:
+        asked.append(is_finite)
+        raise InputError("enough was seen")
+
+    monkeypatch.setattr(material, "log_from_recording", lambda *_, **__: None)
+    monkeypatch.setattr(material, "fit_material", fit_material)
+    words = ("cal", "fit", "--only", "material", tmp_path, "--previous", files.calibration, "--board", files.folder)
+    for strain in ("finite", "linear"):
+        assert "enough was seen" in run(*words, "--out", tmp_path / "x", "--strain", strain)[2]
+    assert asked == [True, False]
+    path, out = tmp_path / "m.json", tmp_path / "o.safetensors"
+    path.write_text(json.dumps({"board": files.board.name, "strain": "linear", **NUMBERS}))
+    words = (
+        "cal",
+        "fit",
+        "--only",
+        "operator",
+        "--board",
+        files.folder,
+        "--touches",
+        0,
+        "--material",
+        path,
+        "--out",
+        out,
+    )
+    assert "was fitted at linear strain and is used at finite" in run(*words, "--strain", "finite")[2]
+    assert "strain" not in run(*words)[2]
 
 
 def test_a_recording_needs_the_calibration_that_sees_it(run: Run, tmp_path: Path) -> None:

@@ -22,5 +22,6 @@ COMMAND = Command(
     logs="Recording of touches: video, or folder of frames.",
     metavar="LOG",
     options=MaterialOptions,
+    shared=("strain",),
     former_verb="material",
 )

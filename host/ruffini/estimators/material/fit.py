@@ -17,7 +17,7 @@ reference of fewer than six axes does not measure is NaN and left out.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,7 @@ class MaterialFit:
     """Values in the order of NAMES, half widths of their 95 % intervals, and the wrenches behind them.
 
     `stiffness_sigma` is the relative standard deviation of the force that these numbers make of a displacement.
+    `is_finite`: fitted at finite strain.
     `before` and `after` are the wrenches with the board's numbers and with the fitted ones, (t, 6) N and N m;
     `left_out` those of each touch by a fit to the other touches.
     """
@@ -74,6 +75,7 @@ class MaterialFit:
     n_touches: int
     prior: Prior
     stiffness_sigma: float
+    is_finite: bool = False
 
     @property
     def material(self) -> Material:
@@ -95,7 +97,7 @@ class MaterialFit:
             return [None if np.isnan(v) else float(np.sqrt(v)) for v in squared]
 
         return {
-            **self.material._asdict(),
+            **self.material._asdict(), "strain": strain_name(self.is_finite),
             "interval_95": dict(zip(NAMES, self.interval.tolist(), strict=True)),
             "stiffness_sigma": self.stiffness_sigma,
             "touches": self.n_touches, "frames": len(self.reference), "prior": self.prior.report(),
@@ -196,6 +198,29 @@ def read_material(path: Path, board: Board) -> Material:
         if not lowest <= value <= highest:
             raise InputError(f"{path}: {name} {value:g} is no pad of board {board.name!r}: {lowest:g} to {highest:g}")
     return material
+
+
+def strain_name(is_finite: bool) -> str:
+    """As `--strain` has it."""
+    return "finite" if is_finite else "linear"
+
+
+def other_strain(path: Path, board: Board, *, is_finite: bool) -> str | None:
+    """What to say of a file of `read_material` that was fitted at another strain than it is used at.
+
+    Raises
+    ------
+    InputError
+        Unreadable, not of this kind, or of another board.
+    """
+    now = strain_name(is_finite)
+    fitted = read_fit(path, board, "cal fit --only material", lambda tree: str(tree.get("strain", "linear")))
+    if fitted == now:
+        return None
+    return (
+        f"{path} was fitted at {fitted} strain and is used at {now}: after presses deeper than a tenth of the pad "
+        f"it is several percent off; fit it again with --strain {now}"
+    )
 
 
 def read_stiffness_sigma(path: Path, board: Board) -> float:
@@ -314,9 +339,12 @@ def _jackknife_sigma(estimates: Array) -> Array:
 
 
 def fit_material(
-    board: Board, log: MaterialLog, noise: Noise, *, prior: Prior | None = None, progress: Progress = lambda _: None
-) -> MaterialFit:
+    board: Board, log: MaterialLog, noise: Noise, *, prior: Prior | None = None, is_finite: bool = False,
+    progress: Progress = lambda _: None,
+) -> MaterialFit:  # fmt: skip
     """Fit (E, nu, h) to a log; `prior`: the board's numbers unless given.
+
+    is_finite: the pad is neo-Hookean and deep presses are fitted, too. E is then 2 (1 + nu) times its shear modulus.
 
     Raises
     ------
@@ -325,7 +353,7 @@ def fit_material(
     """
     # Small matrices: more threads cost more than they give, far more on a busy machine.
     with threadpool_limits(limits=1):
-        predictor = Predictor(board, log.displacement, noise, lambda done: progress(0.9 * done))
+        predictor = Predictor(board, log.displacement, noise, lambda done: progress(0.9 * done), is_finite=is_finite)
         fit = MaterialProblem(board, log, predictor, prior).fit()
     progress(1.0)
-    return fit
+    return replace(fit, is_finite=is_finite)

@@ -1,7 +1,9 @@
 """What a log's displacements say of its wrenches for any (E, nu, h), and how well they fit each pad.
 
 The estimator's wrench W(u; E, nu, h) is linear in E and smooth in (nu, h): it is computed with the board's own second
-pass on a 3 x 3 grid of (nu, h) around the board's numbers and interpolated there.
+pass on a 3 x 3 grid of (nu, h) around the board's numbers and interpolated there. At finite strain the pass adds what
+that makes to second order (fem/finite_strain.py), which is linear in E, too; its weights are those of the board's pad
+everywhere on the grid.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.estimators.operator.fit import board_slab, board_window_m, observed_unknowns
 from ruffini.fem.condense import condense
+from ruffini.fem.finite_strain import finite_strain, fitted_weights
 from ruffini.fem.operators import Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
@@ -51,29 +54,41 @@ class MaterialLog:
 class Predictor:
     """Wrench of every frame, displacement (t, m, 3) m, for any (E, nu, h) within the grid."""
 
-    def __init__(self, board: Board, displacement: Array, noise: Noise, progress: Progress) -> None:
+    def __init__(
+        self, board: Board, displacement: Array, noise: Noise, progress: Progress, *, is_finite: bool = False
+    ) -> None:
         slab = board_slab(board)
         observed = observed_unknowns(board)
         self.nominal = np.array([slab.modulus_pa, slab.poisson, slab.thickness_m])
         self.poisson = _poisson_grid(slab.poisson)
         self.thickness = slab.thickness_m * np.array(THICKNESS_FACTORS)
         u = displacement.reshape(len(displacement), -1)
-        threshold_n = board.contact.threshold_un * 1e-6
         rows, columns = board.observed
         shape = (rows.stop - rows.start, columns.stop - columns.start, 3)
         operator = force_operator(slab, "optimal", noise=noise, window_m=board_window_m(board))
         linear = u @ operator.T
+
+        def beyond_of(pad: Slab) -> Array | None:
+            """(t, 3 m) N, or nothing at linear strain."""
+            if not is_finite:
+                return None
+            law = finite_strain(pad, shape[:2], fitted_weights(slab))
+            return np.array([law.force(one.reshape(shape)).ravel() for one in u])
+
+        of_board = beyond_of(slab)
         masks = [
-            contact_mask(f.reshape(shape)[..., 2], threshold_n=threshold_n, min_nodes=board.contact.min_nodes)
-            for f in linear
-        ]
+            contact_mask(f.reshape(shape)[..., 2], threshold_n=board.contact.threshold_un * 1e-6,
+                         min_nodes=board.contact.min_nodes)
+            for f in (linear if of_board is None else linear + of_board)
+        ]  # fmt: skip
         arms = _arms(board, slab)
         self.at_grid = np.empty((3, 3, len(u), 6))
         self.misfit = np.empty((3, 3, len(u)))
         for i, poisson in enumerate(self.poisson):
             for j, thickness in enumerate(self.thickness):
-                system = system_of(replace(slab, poisson=poisson, thickness_m=thickness), noise, observed, operator)
-                self.at_grid[i, j], self.misfit[i, j] = _wrenches(system, u, linear, masks, arms)
+                pad = replace(slab, poisson=poisson, thickness_m=thickness)
+                system = system_of(pad, noise, observed, operator)
+                self.at_grid[i, j], self.misfit[i, j] = _wrenches(system, u, linear, beyond_of(pad), masks, arms)
                 progress((3 * i + j + 1) / 9)
 
     def part(self, frames: slice) -> Predictor:
@@ -132,18 +147,18 @@ def _arms(board: Board, slab: Slab) -> Array:
 
 
 def _wrenches(
-    system: SupportSystem, u: Array, linear: Array, masks: list[tuple[Array, float]], arms: Array
+    system: SupportSystem, u: Array, linear: Array, beyond: Array | None, masks: list[tuple[Array, float]], arms: Array
 ) -> tuple[Array, Array]:
-    """Wrench of each frame, and (u - C F)^T R^-1 (u - C F) less u^T R^-1 u."""
-    wrench, misfit = np.empty((len(u), 6)), np.empty(len(u))
-    for k, (u_k, start, (mask, threshold_n)) in enumerate(zip(u, linear, masks, strict=True)):
-        force = solve_on_support(system, u_k, start, mask.ravel(), threshold_n=threshold_n)
-        index = np.flatnonzero(force)
-        y = force[index] / system.scale_n[index]
-        misfit[k] = y @ (system.normal[np.ix_(index, index)] @ y - 2 * (system.project[index] @ u_k))
-        nodal = force.reshape(-1, 3)
-        wrench[k] = np.concatenate([nodal.sum(axis=0), np.cross(arms, nodal).sum(axis=0)])
-    return wrench, misfit
+    """Wrench of each frame, and (v - C F)^T R^-1 (v - C F) less u^T R^-1 u, where v = u + C Q."""
+    force = np.array([
+        solve_on_support(system, u[k], linear[k] if beyond is None else linear[k] + beyond[k], mask.ravel(),
+                         threshold_n=threshold_n, beyond_n=None if beyond is None else beyond[k])
+        for k, (mask, threshold_n) in enumerate(masks)
+    ])  # fmt: skip
+    left = (force if beyond is None else force - beyond) / system.scale_n  # v - C F = u - C (F - Q)
+    misfit = np.einsum("ti,ti->t", left, left @ system.normal - 2 * (u @ system.project.T))
+    nodal = force.reshape(len(u), -1, 3)
+    return np.concatenate([nodal.sum(axis=1), np.cross(arms, nodal).sum(axis=1)], axis=1), misfit
 
 
 def _lagrange(nodes: Array, at: float | Array) -> Array:

@@ -46,8 +46,9 @@ class MaterialEstimator(Estimator):
         log, prior = job.log(lambda done: progress(0.3 * done)), job.prior()
         touches = log_of_touches(log.displacement, log.wrench, log.touch, 1 if prior.is_informed else MIN_TOUCHES)
         fit = fit_material(
-            job.board, touches, material_noise(job.board), prior=prior, progress=lambda done: progress(0.3 + 0.7 * done)
-        )
+            job.board, touches, material_noise(job.board), prior=prior, is_finite=job.is_finite,
+            progress=lambda done: progress(0.3 + 0.7 * done),
+        )  # fmt: skip
         job.fit, job.material, job.stiffness_sigma = fit, fit.material, fit.stiffness_sigma
         report = report_of_fit(fit)
         return Outcome(
@@ -62,7 +63,10 @@ class MaterialEstimator(Estimator):
         log = log_from_recording(
             job.board, job.seen_with(), path, options.reference, progress=lambda done: progress(0.3 * done)
         )
-        fit = fit_material(job.board, log, material_noise(job.board), progress=lambda done: progress(0.3 + 0.7 * done))
+        fit = fit_material(
+            job.board, log, material_noise(job.board), is_finite=job.is_finite,
+            progress=lambda done: progress(0.3 + 0.7 * done),
+        )  # fmt: skip
         report = report_of_fit(fit)
         before, after = (
             1e3 * sum((v or 0.0) ** 2 for v in report[k][:3]) ** 0.5 for k in ("rmse_before_n_nm", "rmse_after_n_nm")

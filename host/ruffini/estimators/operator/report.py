@@ -82,7 +82,7 @@ def report_of(
     unfit: Gate | None = None
     try:
         with threadpool_limits(limits=1):
-            fit, curve = _fitted(board, log, prior, progress)
+            fit, curve = _fitted(board, log, prior, progress, is_finite="finite_strain" in file.kinds)
     except InputError as error:  # the log contradicts every pad: that is for the page, too
         unfit = Gate("pad", False, None, None, str(error))
     gates = [
@@ -118,14 +118,14 @@ def by_touch(log: TouchLog, values: Array) -> Array:
 
 
 def _fitted(
-    board: Board, log: TouchLog, prior: Prior | None, progress: Progress
+    board: Board, log: TouchLog, prior: Prior | None, progress: Progress, *, is_finite: bool
 ) -> tuple[MaterialFit | None, list[dict[str, Any]]]:
     """A fit of the log itself, and how good a fit of fewer presses is for the others."""
     if "support" not in board.pipeline.stages:
         return None, []
     touches = log_of_touches(log.displacement, log.wrench, log.touch, 1)
     noise = Noise(SIGMA_M, gauge_m=gauge_uncertainty_m(board), tilt_m=TILT_M)
-    predictor = Predictor(board, touches.displacement, noise, lambda done: progress(0.7 * done))
+    predictor = Predictor(board, touches.displacement, noise, lambda done: progress(0.7 * done), is_finite=is_finite)
     problem = MaterialProblem(board, touches, predictor, prior)
     fit = problem.fit() if prior is not None or len(np.unique(touches.touch)) >= MIN_TOUCHES else None
     progress(0.8)

@@ -13,7 +13,7 @@ from ruffini.calibrate.gates import Gate, gates_of_fit_file
 from ruffini.calibrate.log.touches import file_sha256, read_touch_log
 from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator, Report
-from ruffini.estimators.material.fit import read_material, read_stiffness_sigma
+from ruffini.estimators.material.fit import other_strain, read_material, read_stiffness_sigma, strain_name
 from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.material.stage import MATERIAL, material_noise
 from ruffini.estimators.operator.command import COMMAND, OperatorOptions
@@ -70,11 +70,13 @@ class Operator(Estimator):
         if memory is None and method == "support":
             RELAXATION.keep(job)
         gain = job.instant_gain if memory is None else memory.gain
+        remarks: list[str | None] = []
         if options.material is None:
             MATERIAL.keep(job)
         else:
             job.material = read_material(options.material, board)
             job.stiffness_sigma = read_stiffness_sigma(options.material, board)
+            remarks.append(other_strain(options.material, board, is_finite=job.is_finite))
         if job.material is None:
             job.stiffness_sigma = board.pad.stiffness_sigma_1e3 * 1e-3
         gauge_m = _gauge_m(board, job.material, options.gauge_um)
@@ -92,10 +94,11 @@ class Operator(Estimator):
             job.tensors |= tensors
             job.metadata |= metadata
         gauge_m = next((table.gauge_m for table in (kind.marker_depth, kind.gauge) if table is not None), gauge_m)
-        remarks = () if kind.no_errors is None else (f"uncertainty will not be measured: {kind.no_errors}",)
-        report = {"method": method, "strain": "finite" if job.is_finite else "linear",
+        remarks.append(None if kind.no_errors is None else f"uncertainty will not be measured: {kind.no_errors}")
+        report = {"method": method, "strain": strain_name(job.is_finite),
                   **_report(board, kind, gauge_m), **chosen.report}  # fmt: skip
-        return Outcome("fitted", _text(report, options.weight), report, remarks=remarks, files=chosen.files)
+        said = tuple(remark for remark in remarks if remark is not None)
+        return Outcome("fitted", _text(report, options.weight), report, remarks=said, files=chosen.files)
 
     def start(self, job: Job) -> None:
         """The operator of the board's own numbers."""
