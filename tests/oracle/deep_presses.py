@@ -38,7 +38,7 @@ SECTION = "## Pad's numbers from deep presses"
 COLUMNS = ("fit", "E, nu, thickness off by", "total force, rms", "their mean", "commit", "date")
 LOGGED = ("ball", "flat", "cylinder", "ball off centre", "ball, no friction", "edge")  # 0.3 to 1.0 mm deep
 DEEPEST_MM = 1.2
-BELIEVED = (1 / 1.06, 1.01, 1 / 1.04)  # the board's E, nu and thickness over the pad's
+BELIEVED = (1 / 1.06, 1.01, 1.04)  # the board's E, nu and thickness over the pad's: both make forces too small
 NOISE = Noise((5e-6, 5e-6, 20e-6), long_share=(0.0, 0.0, 0.0))
 SEED = 3
 
