@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +14,8 @@ import pytest
 from hang import HANG_S
 from test_bad_input import HOST, is_one_sentence, run_host
 from tiny_sensor import N_FRAMES, N_REST, Sensor, draw, start
+
+SLOW_MHZ = 15_000  # 256 frames then take 17 s, in which a busy computer takes a picture, too
 
 
 def ask(*arguments: str, port: str | None = None) -> dict[str, object]:
@@ -109,7 +113,11 @@ def test_watch(sensor: Sensor, tmp_path: Path) -> None:
 
 
 def test_a_snapshot_says_what_is_not_measured_and_what_is_not_valid(sensor: Sensor, tmp_path: Path) -> None:
-    with start(sensor, tmp_path / "store", "--loop") as daemon:
+    slow = tmp_path / "slow"
+    shutil.copytree(sensor.recording, slow)
+    about = (slow / "recording.toml").read_text()
+    (slow / "recording.toml").write_text(about.replace("rate_mhz = 100000", f"rate_mhz = {SLOW_MHZ}"))
+    with start(replace(sensor, recording=slow), tmp_path / "store", "--loop") as daemon:
         shown = ask("snapshot", "--out", str(tmp_path / "a.png"), port=daemon.port)
         assert shown["force_n"] == [None] * 3
         assert {"FLAG_UNCALIBRATED_XY", "FLAG_UNCALIBRATED_Z"} <= set(shown["flags"])  # type: ignore[call-overload]
