@@ -110,7 +110,7 @@ TEST(MarkerHole, TwoLostNeighboursOfAWideLatticeAreOne) {
   EXPECT_FALSE(is_wide_hole({{2, 2}, {4, 2}})) << "apart";
   EXPECT_FALSE(is_wide_hole({{5, 2}, {6, 2}})) << "one at the border";
   EXPECT_FALSE(is_wide_hole({{2, 4}, {2, 5}})) << "one at the border";
-  EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 2}}, [](Marker& m) { m.quality = 39; })) << "doubtful, as under a press";
+  EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 2}}, [](Marker& m) { m.quality = 39; })) << "of low confidence, as under a press";
   EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 2}}, [](Marker& m) { m.is_lost = m.is_absent = true; })) << "never seen";
   EXPECT_FALSE(is_hole({{2, 2}, {3, 2}}, lose, settings(kWidePitchUm, kWidePitchUm - 1)));
   EXPECT_FALSE(is_hole({{2, 2}, {3, 2}}, lose, settings(kWidePitchUm - 1, kWidePitchUm)));
