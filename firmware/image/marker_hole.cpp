@@ -7,7 +7,7 @@ namespace {
 
 constexpr int kBadQuality = 40;
 
-// So many bad markers within side x side.
+// `count` bad markers within side x side.
 struct Hole {
   int side = 3;
   int count = 4;
@@ -15,9 +15,9 @@ struct Hole {
 
 }  // namespace
 
-bool has_hole(std::span<const Marker> markers, const MarkerSettings& lattice, int width_px, int height_px) {
-  const GridSize size = lattice.lattice;
-  const int64_t pitch_um = std::min(lattice.pitch_x_um, lattice.pitch_y_um);
+bool has_hole(std::span<const Marker> markers, const MarkerSettings& settings, int width_px, int height_px) {
+  const GridSize size = settings.lattice;
+  const int64_t pitch_um = std::min(settings.pitch_x_um, settings.pitch_y_um);
   const bool is_wide = pitch_um >= kWidePitchUm;
   const Hole hole = pitch_um < kNarrowPitchUm ? Hole{.side = 5, .count = 12} : Hole{};
   if (size.n_x < 4 || size.n_y < 4) return false;
@@ -41,7 +41,7 @@ bool has_hole(std::span<const Marker> markers, const MarkerSettings& lattice, in
         const bool is_lower_lost = j + 2 < size.n_y && at(i, j + 1).is_lost && is_bad(i, j + 1);
         if (is_right_lost || is_lower_lost) return true;
       }
-      // Checks every square that has this marker in its top row, in which the first bad one in row order is.
+      // Checks every square with this marker in its top row, where the first bad marker in row order lies.
       for (int left = std::max(i - hole.side + 1, 1); left <= i; ++left) {
         int n = 0;
         for (int y = j; y < std::min(j + hole.side, size.n_y - 1); ++y) {

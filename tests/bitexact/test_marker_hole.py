@@ -24,7 +24,7 @@ def has_hole(lost: Ints, quality: Ints, place: Ints, rest: Ints, size: tuple[int
     is_inside = ((place >= margin) & (place + margin <= (np.array(size) - 1) << 16)).all(axis=-1)
     bad = (((lost == 1) | (quality < 40)) & (lost < 2) & is_inside)[1:-1, 1:-1]
     gone = bad & (lost == 1)[1:-1, 1:-1]
-    if pitch_um >= 1500 and ((gone[1:] & gone[:-1]).any() or (gone[:, 1:] & gone[:, :-1]).any()):
+    if pitch_um >= 1400 and ((gone[1:] & gone[:-1]).any() or (gone[:, 1:] & gone[:, :-1]).any()):
         return True
     side, count = (5, 12) if pitch_um < 750 else (3, 4)
     return bool((convolve(bad.astype(int), np.ones((side, side), int), mode="constant") >= count).any())

@@ -116,6 +116,7 @@ def test_a_snapshot_says_what_is_not_measured_and_what_is_not_valid(sensor: Sens
     slow = tmp_path / "slow"
     shutil.copytree(sensor.recording, slow)
     about = (slow / "recording.toml").read_text()
+    assert "rate_mhz = 100000" in about
     (slow / "recording.toml").write_text(about.replace("rate_mhz = 100000", f"rate_mhz = {SLOW_MHZ}"))
     with start(replace(sensor, recording=slow), tmp_path / "store", "--loop") as daemon:
         shown = ask("snapshot", "--out", str(tmp_path / "a.png"), port=daemon.port)

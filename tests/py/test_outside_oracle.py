@@ -23,6 +23,7 @@ from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.estimators.operator.fit import make_operator
 from ruffini.estimators.operator.gauge import USUAL
 from ruffini.fem.operators import Noise
+from ruffini.fem.support import contact_mask, solve_on_support
 from ruffini.sim.settings import MeshSettings, load_twin
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
@@ -540,11 +541,33 @@ def test_the_boards_integers_measure_kept_presses_of_the_oracle(is_finite: bool)
         assert max(m["normal"] for m in by_depth_means.values()) < 0.22
 
 
+def test_the_float_second_pass_at_finite_strain_is_the_boards() -> None:
+    board = find_board("gelslim")
+    kind = kept(make_operator, board, method="support", noise=NOISE, n_touches=0, is_finite=True)
+    assert kind.support is not None
+    assert kind.beyond is not None
+    data = container.pack(kind.tensors, {**container.base_metadata(board), **kind.metadata}).data
+    with Pipeline(board, data) as core:
+        for one in [one for one in kept_now() if one.state.depth_mm == 1.0][:3]:
+            u = np.round(one.state.displacement / DISPLACEMENT_LSB_M).astype(np.int16)
+            integers = core.solve(u.reshape(1, -1, 3)).reshape(u.shape) * board.field.force_lsb_un * 1e-6
+            seen = u * DISPLACEMENT_LSB_M
+            part = kind.beyond.force(seen)
+            start = (kind.matrix @ seen.ravel()).reshape(u.shape) + part
+            mask, least_n = contact_mask(
+                start[..., 2], threshold_n=board.contact.threshold_un * 1e-6, min_nodes=board.contact.min_nodes
+            )
+            force = solve_on_support(
+                kind.support, seen.ravel(), start.ravel(), mask.ravel(), threshold_n=least_n, beyond_n=part.ravel()
+            ).reshape(u.shape)
+            assert np.linalg.norm(force - integers) < 0.01 * np.linalg.norm(integers)
+
+
 def test_deep_presses_tell_the_pads_numbers_at_finite_strain_alone() -> None:
     """Fitted to CalculiX's presses, judged on others; the board states E, nu and thickness 4 to 6 % off."""
     board = find_board("gelslim")
     presses = kept_presses(board)
-    assert {len(presses.logged), len(presses.judged)} == {16, 12}
+    assert (len(presses.logged), len(presses.judged)) == (16, 9)
     assert not {name for name, _ in presses.logged} & {name for name, _ in presses.judged}
     off = {}
     for is_finite in (False, True):

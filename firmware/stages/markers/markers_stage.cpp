@@ -82,7 +82,8 @@ class MarkersStage final : public Stage {
     const bool is_lattice = !board_.markers.is_scattered;
     const RowsOf rows_of = flow_ ? RowsOf::kPatches : RowsOf::kDots;
     if (is_lattice && has_slipped_rows(markers_.marker, size, rows_of)) flags |= kFlagPicture;
-    if (is_lattice && !flow_ && has_hole(markers_.marker, board_.markers, board_.camera.width_px, board_.camera.height_px)) {
+    if (is_lattice && !flow_ &&
+        has_hole(markers_.marker, board_.markers, board_.camera.width_px, board_.camera.height_px)) {
       return true;
     }
     return markers_.n_lost > board_.markers.max_lost || 100 * n_missing > (100 - kMinMarkersPercent) * count;

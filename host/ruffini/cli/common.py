@@ -21,6 +21,22 @@ ResumeOption = Annotated[
     float, typer.Option(min=0, help="How long a line that was lost is waited for, seconds (0 = end with it).")
 ]
 BoardOption = Annotated[str, typer.Option("--board", help="Board name, or a folder with a board.toml.")]
+StrainOption = Annotated[str, typer.Option("--strain", help="finite for a real pad, or linear.")]
+
+
+def is_finite(strain: str) -> bool:
+    """What was given as StrainOption.
+
+    Raises
+    ------
+    InputError
+        Neither of the two.
+    """
+    from ruffini.errors import InputError
+
+    if strain not in ("linear", "finite"):
+        raise InputError(f"--strain {strain!r}: choose linear or finite")
+    return strain == "finite"
 
 
 class Settings:

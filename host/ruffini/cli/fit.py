@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 from typer.core import TyperCommand
 
-from ruffini.cli.common import JsonFlag, emit_judged, note, note_start, progress_bar
+from ruffini.cli.common import JsonFlag, StrainOption, emit_judged, is_finite, note, note_start, progress_bar
 from ruffini.errors import InputError
 from ruffini.estimators.command import Command
 from ruffini.estimators.commands import command_named
@@ -67,7 +67,7 @@ def fit(
         str | None,
         typer.Option(help="One stage alone, added to --previous; with --help the options of a stage that has its own."),
     ] = None,
-    strain: Annotated[str, typer.Option(help="finite for a real pad, or linear.")] = "linear",
+    strain: StrainOption = "linear",
     touches: Annotated[int, typer.Option(min=0, help="Simulated touches behind the stated uncertainty.")] = 120,
     serial: Annotated[str, typer.Option("--unit", help="Serial number of the sensor that it is for.")] = "*",
     more_logs: Annotated[list[Path] | None, typer.Option("--log", "--presses", hidden=True)] = None,
@@ -84,8 +84,6 @@ def fit(
     from ruffini.estimators.material.prior import read_prior
     from ruffini.estimators.table import BY_NAME, need_prior_stage
 
-    if strain not in ("linear", "finite"):
-        raise InputError(f"--strain {strain!r}: choose linear or finite")
     command = command_named(only)
     if command is not None and only != command.name:
         note(f"stage {only} is now called {command.name}")
@@ -106,7 +104,7 @@ def fit(
     job = Job(
         found, paths, before, [keys.read_verified(path) for path in given or []], balls,
         None if fleet is None or found is None or is_calibration else read_prior(fleet, found),
-        keys.read_verified(fleet) if fleet is not None and is_calibration else None, is_finite=strain == "finite",
+        keys.read_verified(fleet) if fleet is not None and is_calibration else None, is_finite=is_finite(strain),
         n_error_touches=touches, points=points, baseline_mm=baseline_mm, pattern=pattern, only=only, options=options,
     )  # fmt: skip
     for file in [*job.parts, *([job.other_units] if job.other_units else [])]:

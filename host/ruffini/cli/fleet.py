@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, StrainOption, emit, is_finite, note, progress_bar
 
 
 def fleet(
@@ -20,6 +20,7 @@ def fleet(
     given: Annotated[
         Path | None, typer.Option("--with", help="Calibration with the colours that recordings are seen with.")
     ] = None,
+    strain: StrainOption = "linear",
     n_workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes. Default: all cores.")] = None,
     dask: Annotated[str | None, typer.Option("--dask", help="Address of a Dask scheduler, for --workers.")] = None,
     json_: JsonFlag = False,
@@ -36,7 +37,7 @@ def fleet(
     found = find_board(board)
     count = n_workers or os.cpu_count() or 1
     with progress_bar("units") as progress:
-        made = fit_fleet(logs, found, given, n_workers=count, dask=dask, progress=progress)
+        made = fit_fleet(logs, found, given, is_finite=is_finite(strain), n_workers=count, dask=dask, progress=progress)
     tree = made.report()
     write_fleet_page(out, found, made)
     write_whole(out.with_suffix(".json"), json.dumps(tree, indent=1).encode() + b"\n")

@@ -118,19 +118,7 @@ class FiniteStrain:
     weights: Weights
 
     def tensors(self, force_lsb_un: int) -> tuple[Tensors, dict[str, str]]:
-        """What `kind` finite_strain holds (proto/CALIBRATION.md).
-
-        Raises
-        ------
-        InputError
-            More nodes than the board's sums hold.
-        """
-        n_y, n_x = self.cos_y.shape[1], self.cos_x.shape[1]
-        if max(*self.cos_x.shape, *self.cos_y.shape) > MAX_NODES:
-            raise InputError(
-                f"finite strain: {n_x} x {n_y} nodes need {len(self.cos_x)} x {len(self.cos_y)} waves, the board's "
-                f"sums hold {MAX_NODES}: make [grid] coarser, or choose linear strain"
-            )
+        """What `kind` finite_strain holds (proto/CALIBRATION.md)."""
         extension, extension_shift = _to_16(self.extension)
         # The board forms b (p' H^T - (H^T)^2) and v' p'(E V): with p' = p a / b and v' = c b / a times the volume these
         # are the terms of weights b, a and c.
@@ -251,11 +239,22 @@ def _share_fitted(slab: Slab) -> float:
 
 
 def finite_strain(slab: Slab, shape: tuple[int, int], weights: Weights | None = None) -> FiniteStrain:
-    """Tables for the observed nodes (n_y, n_x) of a slab, which are its own or fewer; by default `fitted_weights`."""
+    """Tables for the observed nodes (n_y, n_x) of a slab, which are its own or fewer; by default `fitted_weights`.
+
+    Raises
+    ------
+    InputError
+        More nodes than the board's sums hold.
+    """
     h_x, h_y, _ = slab.step_m
     heights = tuple(slab.thickness_m * part / sum(LAYERS) for part in LAYERS)
     along_x = _Axis.build(shape[1], h_x, slab.thickness_m)
     along_y = _Axis.build(shape[0], h_y, slab.thickness_m)
+    if max(*along_x.cos.shape, *along_y.cos.shape) > MAX_NODES:
+        raise InputError(
+            f"finite strain: {shape[1]} x {shape[0]} nodes need {len(along_x.cos)} x {len(along_y.cos)} waves, the "
+            f"board's sums hold {MAX_NODES}: make [grid] coarser, or choose linear strain"
+        )
     shear = slab.modulus_pa / (2 * (1 + slab.poisson))
     extension = _extension(slab, heights, along_x.angle, along_y.angle)
     weight = along_y.weight[:, None] * along_x.weight

@@ -70,7 +70,7 @@ class SupportSystem:
     def evidence(self, rows: npt.NDArray[np.intp], displacement_m: Array, beyond_n: Array | None = None) -> Array:
         """Some rows of b of u + C Q: the displacement that a linear pad would have under the same forces.
 
-        beyond_n: Q, the finite-strain part of the force that u (m,) needs, beside the linear K u.
+        beyond_n: Q (m,), the finite-strain part of the force; K u is the linear part.
         """
         b = self.project[rows] @ displacement_m
         return b if beyond_n is None else b + self.normal[rows] @ (beyond_n / self.scale_n)

@@ -7,14 +7,14 @@
 namespace ruffini {
 namespace {
 
-constexpr GridSize kSize = {7, 6};
+constexpr GridSize kSize = {7, 7};
 constexpr int kPitchPx = 20;
 constexpr int kWidth = 7 * kPitchPx;
-constexpr int kHeight = 6 * kPitchPx;
+constexpr int kHeight = 7 * kPitchPx;
 
 // A lattice that fills the picture, every marker well seen and where it was at rest.
 std::vector<Marker> lattice() {
-  std::vector<Marker> out(42);
+  std::vector<Marker> out(49);
   for (int j = 0; j < kSize.n_y; ++j) {
     for (int i = 0; i < kSize.n_x; ++i) {
       Marker& m = out[static_cast<size_t>(j * kSize.n_x + i)];
@@ -58,7 +58,7 @@ TEST(MarkerHole, FourThatGoTogetherAreOne) {
   EXPECT_TRUE(is_hole({{3, 1}, {2, 2}, {3, 2}, {4, 2}, {3, 3}})) << "a cross";
   EXPECT_TRUE(is_hole({{1, 1}, {3, 1}, {1, 3}, {3, 3}})) << "as far apart as they may be";
   EXPECT_TRUE(is_hole({{3, 1}, {1, 2}, {1, 3}, {2, 3}})) << "the first one at the right";
-  EXPECT_TRUE(is_hole({{5, 4}, {4, 4}, {3, 4}, {5, 2}})) << "in the corner";
+  EXPECT_TRUE(is_hole({{5, 5}, {4, 5}, {3, 5}, {5, 3}})) << "in the corner";
   EXPECT_FALSE(is_hole({{2, 2}, {3, 2}, {2, 3}})) << "three";
   EXPECT_FALSE(is_hole({{1, 1}, {4, 1}, {1, 4}, {4, 4}})) << "apart";
 }
@@ -97,9 +97,15 @@ TEST(MarkerHole, ANarrowLatticeNeedsTwelveOfFiveByFive) {
   const Places eleven(twelve.begin(), twelve.end() - 1);
   EXPECT_FALSE(is_narrow_hole(eleven));
   EXPECT_TRUE(is_hole(eleven, lose, settings(kNarrowPitchUm, kNarrowPitchUm)));
-  Places corners = eleven;
-  corners.emplace_back(5, 4);  // still within 5 x 4
-  EXPECT_TRUE(is_narrow_hole(corners));
+  Places to_the_corner = eleven;
+  to_the_corner.emplace_back(5, 5);
+  EXPECT_TRUE(is_narrow_hole(to_the_corner)) << "the last column and row of 5 x 5";
+  Places from_the_right = {{5, 1}};
+  for (int j = 2; j < 5; ++j) {
+    for (int i = 1; i < 5; ++i) from_the_right.emplace_back(i, j);
+  }
+  from_the_right.pop_back();
+  EXPECT_TRUE(is_narrow_hole(from_the_right)) << "the first one at the right";
 }
 
 TEST(MarkerHole, TwoLostNeighboursOfAWideLatticeAreOne) {
@@ -109,9 +115,25 @@ TEST(MarkerHole, TwoLostNeighboursOfAWideLatticeAreOne) {
   EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 3}})) << "across";
   EXPECT_FALSE(is_wide_hole({{2, 2}, {4, 2}})) << "apart";
   EXPECT_FALSE(is_wide_hole({{5, 2}, {6, 2}})) << "one at the border";
-  EXPECT_FALSE(is_wide_hole({{2, 4}, {2, 5}})) << "one at the border";
-  EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 2}}, [](Marker& m) { m.quality = 39; })) << "of low confidence, as under a press";
+  EXPECT_FALSE(is_wide_hole({{2, 5}, {2, 6}})) << "one at the border";
+  EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 2}}, [](Marker& m) { m.quality = 39; }))
+      << "of low confidence, as under a press";
   EXPECT_FALSE(is_wide_hole({{2, 2}, {3, 2}}, [](Marker& m) { m.is_lost = m.is_absent = true; })) << "never seen";
+  const auto lose_and = [](void (*spoil)(Marker&), size_t second) {
+    std::vector<Marker> markers = lattice();
+    lose(markers[static_cast<size_t>(2 * kSize.n_x + 2)]);
+    spoil(markers[second]);
+    return has_hole(markers, settings(kWidePitchUm, kWidePitchUm), kWidth, kHeight);
+  };
+  for (const size_t second : {size_t{2 * kSize.n_x + 3}, size_t{3 * kSize.n_x + 2}}) {
+    EXPECT_TRUE(lose_and(lose, second));
+    EXPECT_FALSE(lose_and([](Marker& m) { m.is_lost = m.is_absent = true; }, second)) << "the other never seen";
+    const auto leave = [](Marker& m) {
+      m.is_lost = true;
+      m.displacement_x = ImagePx::from_raw(-(5 * kPitchPx) << 16);
+    };
+    EXPECT_FALSE(lose_and(leave, second)) << "the other left the view";
+  }
   EXPECT_FALSE(is_hole({{2, 2}, {3, 2}}, lose, settings(kWidePitchUm, kWidePitchUm - 1)));
   EXPECT_FALSE(is_hole({{2, 2}, {3, 2}}, lose, settings(kWidePitchUm - 1, kWidePitchUm)));
 }

@@ -18,6 +18,7 @@ from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.fit.job import HELD_S, Job, Outcome, material_of
 from ruffini.calibrate.fit.run import finished, gates_of_stages, run_stages
+from ruffini.calibrate.fleet import units
 from ruffini.calibrate.fleet.units import fit_fleet, outliers_of
 from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in
 from ruffini.calibrate.log.touches import Series, TouchLog, read_touch_log
@@ -230,9 +231,21 @@ def test_three_presses_are_enough_after_a_gel_was_changed(fitted, board: Board, 
     assert tuple(job.fit.material) == pytest.approx(TRUE, rel=0.03)
     assert not job.fit.is_finite
     finite = Job(board, job.paths, previous=before, is_finite=True)
-    material.MATERIAL.fit(finite, lambda _: None)
+    outcome = material.MATERIAL.fit(finite, lambda _: None)
     assert finite.fit is not None
     assert finite.fit.is_finite
+    assert next(r for r in outcome.remarks if "strain" in r).startswith(
+        "the prior (previous) was fitted at linear strain"
+    )
+    assert "previous pad was fitted at linear strain" in material.MATERIAL.keep(finite).remarks[0]
+    assert material.MATERIAL.keep(job).remarks == ()
+    blind = board.model_copy(update={"pipeline": board.pipeline.model_copy(
+        update={"stages": [stage for stage in board.pipeline.stages if stage != "support"]})})  # fmt: skip
+    at_linear = Job(blind, job.paths, previous=before, is_finite=True)
+    remarks = material.MATERIAL.fit(at_linear, lambda _: None).remarks
+    assert at_linear.fit is not None
+    assert not at_linear.fit.is_finite
+    assert any("has no second pass: its pad was fitted, and is solved, at linear strain" in r for r in remarks)
     alone = Job(board, job.paths, parts=[colours(board)])
     with pytest.raises(InputError, match="3 touches above") as caught:
         run_stages(alone, frozenset(), tell=lambda *_: None)
@@ -259,6 +272,20 @@ def test_report_judges_on_a_log_that_was_not_fitted(fitted, board: Board, tmp_pa
     assert "SIMULATED" in text
 
 
+def test_a_fleet_at_finite_strain_says_so(
+    board: Board,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(units, "outliers_of", lambda _: {})  # these pads are linear
+    logs = [rig_log(board, tmp_path / f"unit{i}.h5", 5, seed=20 + i) for i in range(4)]
+    linear, finite = (fit_fleet(logs, board, None, is_finite=is_finite).prior for is_finite in (False, True))
+    assert linear is not None
+    assert finite is not None
+    assert (linear.is_finite, finite.is_finite) == (False, True)
+    assert abs(finite.mean[0] / linear.mean[0] - 1) > 0.03
+
+
 def test_a_fleet_has_a_spread_outliers_and_a_prior(board: Board, tmp_path: Path) -> None:  # noqa: F811
     good = [rig_log(board, tmp_path / f"unit{i}.h5", 5, seed=20 + i, gain=1 + 0.01 * i) for i in range(5)]
     odd = rig_log(board, tmp_path / "odd.h5", 5, seed=30, gain=1.9)
@@ -271,6 +298,7 @@ def test_a_fleet_has_a_spread_outliers_and_a_prior(board: Board, tmp_path: Path)
     assert fleet.prior is not None
     assert fleet.prior.source == "fleet of 5"
     assert fleet.prior.mean[0] == pytest.approx(1.02 * TRUE.modulus_pa, rel=0.04)
+    assert fleet.prior.is_finite is False
     assert tree["after_rmse_n"] < tree["before_rmse_n"]
     assert outliers_of(fleet.units[:5]) == {}
     with pytest.raises(InputError, match=r"several logs are called few\.h5"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 from pathlib import Path
@@ -22,7 +23,15 @@ from ruffini.estimators.material.fit import (
     read_stiffness_sigma,
 )
 from ruffini.estimators.material.model import MaterialLog
-from ruffini.estimators.material.prior import Prior, board_prior, fleet_prior, next_gel_prior, read_prior, write_prior
+from ruffini.estimators.material.prior import (
+    Prior,
+    board_prior,
+    fleet_prior,
+    next_gel_prior,
+    read_prior,
+    strain_remark,
+    write_prior,
+)
 from ruffini.estimators.operator.fit import Material, board_slab
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.finite_strain import EXACT, finite_strain
@@ -74,8 +83,10 @@ def touches(
         for load in np.linspace(0.4, 1.0, 4) * rng.uniform(0.5, 1.5 if is_finite else 3.0):
             force = (load / pressure.sum() * pressure)[..., None] * np.array([*shear, -1.0])
             force = force.reshape(-1, 3)
-            displacement.append(pressed(force) + rng.normal(0, 2e-6, force.shape))
-            wrench.append(np.concatenate([force.sum(axis=0), np.cross(arms, force).sum(axis=0)]))
+            u = pressed(force)
+            places = arms + u if is_finite else arms
+            displacement.append(u + rng.normal(0, 2e-6, force.shape))
+            wrench.append(np.concatenate([force.sum(axis=0), np.cross(places, force).sum(axis=0)]))
         displacement.append(np.zeros((slab.n_nodes, 3)))
         wrench.append(np.zeros(6))
     return np.array(displacement), np.array(wrench)
@@ -119,6 +130,30 @@ def test_a_fit_at_another_strain_is_named(board: Board, tmp_path: Path) -> None:
     del tree["strain"]  # a file of before
     path.write_text(json.dumps(tree))
     assert other_strain(path, board, is_finite=False) is None
+
+
+def test_a_number_at_the_end_of_what_is_tried_is_named(board: Board) -> None:
+    u, wrench = touches(board, 12, np.random.default_rng(4))
+    fit = fitted(board, log_from_frames(u, wrench))
+    assert fit.at_bounds() == []
+    stopped = dataclasses.replace(fit, values=np.array([*fit.values[:1], *fit.bounds[1, 1:2], *fit.bounds[0, 2:]]))
+    assert [said.split(",")[0] for said in stopped.at_bounds()] == [
+        f"thickness_m stopped at {fit.bounds[0, 2]:.4g}", f"poisson stopped at {fit.bounds[1, 1]:.4g}"
+    ]  # fmt: skip
+
+
+def test_a_priors_strain_is_kept_and_another_is_named(board: Board, tmp_path: Path) -> None:
+    units = [TRUE._replace(modulus_pa=TRUE.modulus_pa * (1 + 0.01 * i)) for i in range(4)]
+    for is_finite in (False, True):
+        write_prior(tmp_path / "prior.json", board, fleet_prior(units, is_finite=is_finite))
+        assert read_prior(tmp_path / "prior.json", board).is_finite == is_finite
+    tree = json.loads((tmp_path / "prior.json").read_text())
+    del tree["strain"]  # a file of before
+    (tmp_path / "prior.json").write_text(json.dumps(tree))
+    assert read_prior(tmp_path / "prior.json", board).is_finite is False
+    assert strain_remark("it", fitted=None, used=True) is None
+    assert strain_remark("it", fitted=True, used=True) is None
+    assert (strain_remark("it", fitted=False, used=True) or "").startswith("it was fitted at linear strain and is used")
 
 
 def test_the_shape_of_the_displacement_tells_ratio_and_thickness_apart(board: Board) -> None:

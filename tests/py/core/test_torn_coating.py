@@ -1,4 +1,4 @@
-"""A hole of 3.3 mm in the coating, wherever it is under a press: light in it is the room's. SIMULATED."""
+"""A hole of 3.3 mm in the coating, wherever it is between the markers: light in it is the room's. SIMULATED."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from ruffini.sim.unit import TwinUnit
 MM = 1e-3
 HOLE_RADIUS_UM = 1650
 MARKERS_LOST = 8
-WAYS = (("sphere", 4.0, 1.0), ("flat", 3.0, 0.8), ("square", 2.4, 0.5))  # radius and depth, mm
+WAYS = (("sphere", 4.0, 1.0), ("flat", 4.6, 1.2), ("square", 2.4, 0.5))  # radius and depth, mm
 SHEAR_MM = (0.4, -0.3)
 
 
 def pressed(board: Board) -> list[npt.NDArray[np.float64]]:
-    """Displacement of the twin under each of WAYS, pressed and sheared."""
-    unit, out = TwinUnit.build(board), []
+    """Displacement of the twin at rest and under each of WAYS, pressed and sheared."""
+    unit = TwinUnit.build(board)
+    out = [unit.at_rest()]
     for shape, radius, depth in WAYS:
         solver = unit.solver(Indenter(shape, radius * MM))
         for x, y in ((0.0, 0.0), SHEAR_MM):
@@ -31,19 +32,27 @@ def pressed(board: Board) -> list[npt.NDArray[np.float64]]:
     return out
 
 
+def middles(board: Board, n_phases: int) -> list[tuple[float, float]]:
+    """Of holes about a marker near the pad's middle, n x n in its cell, and in the corner of the inner lattice, um."""
+    m = board.markers
+    first = (m.first_x_um - board.pad.size_x_um / 2, m.first_y_um - board.pad.size_y_um / 2)
+    places = [(m.n_x // 2 + i / n_phases, m.n_y // 2 + j / n_phases) for i in range(n_phases) for j in range(n_phases)]
+    places.append((m.n_x - 2, 1))
+    return [(first[0] + i * m.pitch_x_um, first[1] + j * m.pitch_y_um) for i, j in places]
+
+
 # Two or three of the widest lattice's markers are in such a hole, seven to eleven of gelslim's.
-@pytest.mark.parametrize(("name", "n_holes"), [("gelslim", 6), ("gelslim-dense", 3), ("gelsight-mini", 18)])
-def test_a_hole_is_flagged_wherever_it_is_and_a_press_is_not(name: str, n_holes: int) -> None:
+@pytest.mark.parametrize(("name", "n_phases"), [("gelslim", 2), ("gelslim-dense", 1), ("gelsight-mini", 4)])
+def test_a_hole_is_flagged_wherever_it_is_and_a_press_is_not(name: str, n_phases: int) -> None:
     board, rng = find_board(name), np.random.default_rng(1)
     states, unit = kept(pressed, board), TwinUnit.build(board)
     renderer = unit.renderer()
     with Pipeline(board) as core:
         for _ in range(board.pipeline.n_rest_frames):
-            core.process(renderer.image(unit.at_rest(), rng))
+            core.process(renderer.image(states[0], rng))
         for k, state in enumerate(states):
             assert not core.process(renderer.image(state, rng)).flags & MARKERS_LOST, k
-        for k in range(n_holes):
+        for k, (x, y) in enumerate(middles(board, n_phases)):
             state = states[k % len(states)]
-            x, y = rng.uniform(-1500, 1500, 2)
             torn = Conditions(tear_um=(round(x), round(y), HOLE_RADIUS_UM))
             assert core.process(renderer.image(state, rng, conditions=torn)).flags & MARKERS_LOST, (k, x, y)

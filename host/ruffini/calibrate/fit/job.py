@@ -88,6 +88,11 @@ class Job:
             raise InputError("no board: give --board, or --previous with a calibration of it")
         return self.found
 
+    @property
+    def is_at_finite_strain(self) -> bool:
+        """Whether the pad's numbers and the operator are for finite strain: what the second pass adds."""
+        return self.is_finite and "support" in self.board.pipeline.stages
+
     def log(self, progress: Progress = lambda _: None) -> TouchLog:
         """The touches; recordings are seen with the camera and the colours found so far."""
         if self._log is None:
@@ -130,7 +135,9 @@ class Job:
         if self.fleet is not None:
             return self.fleet
         before = material_of(self.previous)
-        return next_gel_prior(before) if before is not None else board_prior(self.board)
+        if before is None or self.previous is None:
+            return board_prior(self.board)
+        return next_gel_prior(before, is_finite="finite_strain" in self.previous.kinds)
 
     def header(self) -> dict[str, str]:
         """Metadata of a file with what was found so far."""

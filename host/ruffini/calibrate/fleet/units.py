@@ -89,10 +89,12 @@ def _rms(values: Sequence[float]) -> float | None:
 
 
 def fit_fleet(
-    paths: list[Path], board: Board, colours: Path | None, *, n_workers: int = 1, dask: str | None = None,
-    progress: Progress = lambda _: None,
+    paths: list[Path], board: Board, colours: Path | None, *, is_finite: bool = False, n_workers: int = 1,
+    dask: str | None = None, progress: Progress = lambda _: None,
 ) -> Fleet:  # fmt: skip
     """Fit every unit; a log that cannot be fitted is named and does not stop the others.
+
+    is_finite: at finite strain, as the units' operators are to be.
 
     Raises
     ------
@@ -106,7 +108,9 @@ def fit_fleet(
     n_groups = n_workers if dask is None else -(-len(paths) // DASK_GROUP)
     groups = _groups([str(p.resolve()) for p in paths], n_groups)
     given = None if colours is None else readable(colours).read_bytes()
-    work = workers.Work(fit_group, (board.text, board.name, given, groups), f"ruffini-fleet-{time.time_ns()}", "group")
+    work = workers.Work(
+        fit_group, (board.text, board.name, given, is_finite, groups), f"ruffini-fleet-{time.time_ns()}", "group"
+    )
     found: dict[int, list[Unit]] = {}
     for number, units in _each(work, len(groups), n_workers, dask):
         found[number] = units
@@ -118,7 +122,7 @@ def fit_fleet(
     outliers = outliers_of(units)
     alike = [u.material for i, u in enumerate(units) if u.material is not None and i not in outliers]
     try:
-        prior = fleet_prior(alike)
+        prior = fleet_prior(alike, is_finite=is_finite)
     except InputError:
         prior = None
     return Fleet(units, outliers, prior, time.monotonic() - start)
@@ -134,7 +138,9 @@ def _groups(paths: list[str], n_groups: int) -> list[list[str]]:
     return [list(part) for part in np.array_split(np.array(paths, dtype=object), n)]
 
 
-def fit_group(text: str, name: str, colours: bytes | None, groups: list[list[str]], number: int) -> list[Unit]:
+def fit_group(
+    text: str, name: str, colours: bytes | None, is_finite: bool, groups: list[list[str]], number: int
+) -> list[Unit]:
     """Fit the units of one group; on a worker."""
     board = parse_board(text, name)
     calibration = None if colours is None else container.unpack(colours)
@@ -146,7 +152,7 @@ def fit_group(text: str, name: str, colours: bytes | None, groups: list[list[str
         except RuffiniError as error:
             logs.append(str(error))
     good = [log for log in logs if not isinstance(log, str)]
-    parts = iter(predictors(board, good) if good else [])
+    parts = iter(predictors(board, good, is_finite=is_finite) if good else [])
     units = []
     for path, log in zip(groups[number], logs, strict=True):
         if isinstance(log, str):
@@ -165,11 +171,12 @@ def unit_log(read: TouchLog) -> MaterialLog:
     return log_of_touches(read.displacement, read.wrench, read.touch, MIN_TOUCHES, at_most_frames=FRAMES_A_TOUCH)
 
 
-def predictors(board: Board, logs: list[MaterialLog]) -> list[Predictor]:
+def predictors(board: Board, logs: list[MaterialLog], *, is_finite: bool = False) -> list[Predictor]:
     """One for each log; the finite elements are solved once for all."""
     noise = Noise(SIGMA_M, gauge_m=gauge_uncertainty_m(board), tilt_m=TILT_M)
     with threadpool_limits(limits=1):
-        whole = Predictor(board, np.concatenate([log.displacement for log in logs]), noise, lambda _: None)
+        together = np.concatenate([log.displacement for log in logs])
+        whole = Predictor(board, together, noise, lambda _: None, is_finite=is_finite)
     ends = np.cumsum([len(log.displacement) for log in logs])
     return [whole.part(slice(int(end) - len(log.displacement), int(end))) for log, end in zip(logs, ends, strict=True)]
 

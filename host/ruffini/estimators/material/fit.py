@@ -17,7 +17,7 @@ reference of fewer than six axes does not measure is NaN and left out.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.log.reference import play, read_fit
 from ruffini.errors import InputError
 from ruffini.estimators.material.model import MaterialLog, Predictor, Shape
-from ruffini.estimators.material.prior import Prior, board_prior
+from ruffini.estimators.material.prior import Prior, board_prior, strain_name, strain_remark
 from ruffini.estimators.operator.fit import Material, board_slab
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import HIGHEST_POISSON
@@ -52,6 +52,7 @@ FARTHEST = 100.0  # factor from the board's E and thickness: beyond it a materia
 DEVIATION = 0.02  # of the estimator's wrench from the reference, part of the log's spread
 LARGEST_UNEXPLAINED = 0.3  # part of the reference wrench (L2)
 DERIVATIVE_STEP = 1e-4  # of the board's numbers
+AT_BOUND = 1e-4  # relative: nearer to a bound, a number stopped there
 LARGEST_INTERVAL = 0.5  # of the value: beyond this the log does not tell the number
 
 
@@ -75,7 +76,18 @@ class MaterialFit:
     n_touches: int
     prior: Prior
     stiffness_sigma: float
-    is_finite: bool = False
+    is_finite: bool
+    bounds: Array  # (2, 3): lowest and highest values that the fit tries
+
+    def at_bounds(self) -> list[str]:
+        """A sentence for each number that stopped at the end of what is tried."""
+        return [
+            f"{name} stopped at {value:.4g}, the {end} value that is tried on this board: the log wants it further, so "
+            "check the board's [pad]"
+            for end, limits in (("lowest", self.bounds[0]), ("highest", self.bounds[1]))
+            for name, value, limit in zip(NAMES, self.values, limits, strict=True)
+            if abs(value / limit - 1) < AT_BOUND
+        ]
 
     @property
     def material(self) -> Material:
@@ -200,11 +212,6 @@ def read_material(path: Path, board: Board) -> Material:
     return material
 
 
-def strain_name(is_finite: bool) -> str:
-    """As `--strain` has it."""
-    return "finite" if is_finite else "linear"
-
-
 def other_strain(path: Path, board: Board, *, is_finite: bool) -> str | None:
     """What to say of a file of `read_material` that was fitted at another strain than it is used at.
 
@@ -213,14 +220,8 @@ def other_strain(path: Path, board: Board, *, is_finite: bool) -> str | None:
     InputError
         Unreadable, not of this kind, or of another board.
     """
-    now = strain_name(is_finite)
-    fitted = read_fit(path, board, "cal fit --only material", lambda tree: str(tree.get("strain", "linear")))
-    if fitted == now:
-        return None
-    return (
-        f"{path} was fitted at {fitted} strain and is used at {now}: after presses deeper than a tenth of the pad "
-        f"it is several percent off; fit it again with --strain {now}"
-    )
+    fitted = read_fit(path, board, "cal fit --only material", lambda tree: tree.get("strain", "linear") == "finite")
+    return strain_remark(str(path), fitted=fitted, used=is_finite)
 
 
 def read_stiffness_sigma(path: Path, board: Board) -> float:
@@ -312,8 +313,9 @@ class MaterialProblem:
         before, after = self.predictor.wrench(self.predictor.nominal), self.predictor.wrench(values)
         self._check(values, interval, after)
         return MaterialFit(
-            values, interval, log.wrench, log.touch, before, after, left_out, n, self.prior, stiffness_sigma
-        )
+            values, interval, log.wrench, log.touch, before, after, left_out, n, self.prior, stiffness_sigma,
+            self.predictor.is_finite, np.stack([self._lower, self._upper]) * self.predictor.nominal,
+        )  # fmt: skip
 
     def _check(self, values: Array, interval: Array, after: Array) -> None:
         wrench = (self.log.wrench * SCALE)[:, self._seen]
@@ -356,4 +358,4 @@ def fit_material(
         predictor = Predictor(board, log.displacement, noise, lambda done: progress(0.9 * done), is_finite=is_finite)
         fit = MaterialProblem(board, log, predictor, prior).fit()
     progress(1.0)
-    return replace(fit, is_finite=is_finite)
+    return fit

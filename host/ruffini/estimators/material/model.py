@@ -29,6 +29,10 @@ Progress = Callable[[float], None]
 
 THICKNESS_FACTORS = (0.9, 1.0, 1.1)
 POISSON_FACTORS = (0.94, 1.0, 1.035)
+# At finite strain the pressure's part grows with 1 / (1 - 2 nu), which no quadratic follows farther, and the law's
+# elements lock near 0.5.
+FINITE_POISSON_FACTORS = (0.97, 1.0, 1.015)
+HIGHEST_FINITE_POISSON = 0.493
 HIGHEST_FITTED_POISSON = 0.4985
 SHAPE_DEVIATION = 0.01  # of the displacement from any pad's, part of what touches explain of it (L2)
 SHAPE_LINES = 41  # along nu and h, on which the least misfit is looked for
@@ -59,8 +63,13 @@ class Predictor:
     ) -> None:
         slab = board_slab(board)
         observed = observed_unknowns(board)
+        self.is_finite = is_finite
         self.nominal = np.array([slab.modulus_pa, slab.poisson, slab.thickness_m])
-        self.poisson = _poisson_grid(slab.poisson)
+        self.poisson = (
+            _poisson_grid(slab.poisson, FINITE_POISSON_FACTORS, HIGHEST_FINITE_POISSON)
+            if is_finite
+            else _poisson_grid(slab.poisson, POISSON_FACTORS, HIGHEST_FITTED_POISSON)
+        )
         self.thickness = slab.thickness_m * np.array(THICKNESS_FACTORS)
         u = displacement.reshape(len(displacement), -1)
         rows, columns = board.observed
@@ -128,10 +137,10 @@ class Shape:
         return float(np.sqrt(max(at - self._least, 0.0) / explained) / SHAPE_DEVIATION)
 
 
-def _poisson_grid(poisson: float) -> Array:
-    """Three ratios about the board's, all of them below HIGHEST_FITTED_POISSON and apart."""
-    middle = min(poisson, HIGHEST_FITTED_POISSON / POISSON_FACTORS[2] ** 0.5)
-    grid = np.minimum(middle * np.array(POISSON_FACTORS), HIGHEST_FITTED_POISSON)
+def _poisson_grid(poisson: float, factors: tuple[float, float, float], highest: float) -> Array:
+    """Three ratios about the board's, none above the highest, and apart."""
+    middle = min(poisson, highest / factors[2] ** 0.5)
+    grid = np.minimum(middle * np.array(factors), highest)
     if grid[2] - grid[0] < 1e-3:
         raise InputError(f"Poisson's ratio {poisson:g} of the board cannot be fitted: write what a datasheet says")
     return np.asarray(grid)
@@ -155,10 +164,12 @@ def _wrenches(
                          threshold_n=threshold_n, beyond_n=None if beyond is None else beyond[k])
         for k, (mask, threshold_n) in enumerate(masks)
     ])  # fmt: skip
-    left = (force if beyond is None else force - beyond) / system.scale_n  # v - C F = u - C (F - Q)
-    misfit = np.einsum("ti,ti->t", left, left @ system.normal - 2 * (u @ system.project.T))
+    linear_y = (force if beyond is None else force - beyond) / system.scale_n  # v - C F = u - C (F - Q)
+    misfit = np.einsum("ti,ti->t", linear_y, linear_y @ system.normal - 2 * (u @ system.project.T))
     nodal = force.reshape(len(u), -1, 3)
-    return np.concatenate([nodal.sum(axis=1), np.cross(arms, nodal).sum(axis=1)], axis=1), misfit
+    # At finite strain forces act where the nodes have gone, as a load cell reads them (proto/README.md).
+    places = arms if beyond is None else arms + u.reshape(nodal.shape)
+    return np.concatenate([nodal.sum(axis=1), np.cross(places, nodal).sum(axis=1)], axis=1), misfit
 
 
 def _lagrange(nodes: Array, at: float | Array) -> Array:

@@ -33,11 +33,15 @@ LEAST_SPREAD = (0.01, 0.001, 0.003)  # a fleet is not believed to be more alike 
 
 @dataclass(frozen=True)
 class Prior:
-    """`mean` (E Pa, nu, h m) and the covariance (3, 3) of what a unit is off, relative to the mean."""
+    """`mean` (E Pa, nu, h m) and the covariance (3, 3) of what a unit is off, relative to the mean.
+
+    `is_finite`: whether those pads were fitted at finite strain; None: they were not fitted.
+    """
 
     source: str
     mean: Array
     covariance: Array
+    is_finite: bool | None = None
 
     @property
     def is_informed(self) -> bool:
@@ -57,18 +61,33 @@ class Prior:
         }  # fmt: skip
 
 
+def strain_name(is_finite: bool) -> str:
+    """As `--strain` has it."""
+    return "finite" if is_finite else "linear"
+
+
+def strain_remark(what: str, *, fitted: bool | None, used: bool) -> str | None:
+    """A sentence where numbers were fitted at another strain (True: finite) than they are used at."""
+    if fitted is None or fitted == used:
+        return None
+    return (
+        f"{what} was fitted at {strain_name(fitted)} strain and is used at {strain_name(used)}: after presses deeper "
+        f"than a tenth of the pad it is several percent off; fit it again with --strain {strain_name(used)}"
+    )
+
+
 def board_prior(board: Board) -> Prior:
     """The board's own numbers."""
     slab = board_slab(board)
     return Prior("board", np.array([slab.modulus_pa, slab.poisson, slab.thickness_m]), np.diag(np.square(OF_BOARD)))
 
 
-def next_gel_prior(material: Material) -> Prior:
+def next_gel_prior(material: Material, *, is_finite: bool = False) -> Prior:
     """Another gel on the unit whose last one was `material`."""
-    return Prior("previous", np.array(material), np.diag(np.square(OF_NEXT_GEL)))
+    return Prior("previous", np.array(material), np.diag(np.square(OF_NEXT_GEL)), is_finite)
 
 
-def fleet_prior(materials: list[Material]) -> Prior:
+def fleet_prior(materials: list[Material], *, is_finite: bool = False) -> Prior:
     """Mean and spread of units that were measured.
 
     Raises
@@ -83,7 +102,7 @@ def fleet_prior(materials: list[Material]) -> Prior:
     relative = values / mean - 1
     # A unit that comes is off the mean of n by more than the units were among themselves.
     covariance = np.cov(relative.T) * (1 + 1 / len(values)) + np.diag(np.square(LEAST_SPREAD))
-    return Prior(f"fleet of {len(values)}", mean, covariance)
+    return Prior(f"fleet of {len(values)}", mean, covariance, is_finite)
 
 
 def write_prior(path: Path, board: Board, prior: Prior) -> None:
@@ -92,6 +111,8 @@ def write_prior(path: Path, board: Board, prior: Prior) -> None:
         "board": board.name, "source": prior.source, "mean": prior.mean.tolist(),
         "relative_covariance": prior.covariance.tolist(),
     }  # fmt: skip
+    if prior.is_finite is not None:
+        tree["strain"] = strain_name(prior.is_finite)
     write_whole(path, json.dumps(tree, indent=1).encode() + b"\n")
 
 
@@ -112,6 +133,6 @@ def read_prior(path: Path, board: Board) -> Prior:
             np.linalg.cholesky(covariance)
         except np.linalg.LinAlgError:
             raise ValueError("its covariance is not positive definite") from None
-        return Prior(str(tree["source"]), mean, covariance)
+        return Prior(str(tree["source"]), mean, covariance, tree.get("strain", "linear") == "finite")
 
     return read_fit(path, board, "cal fleet", parse)

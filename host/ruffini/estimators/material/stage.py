@@ -13,8 +13,9 @@ from ruffini.calibrate.fit.job import Job, Outcome, Progress, material_of, stiff
 from ruffini.calibrate.gates import MAX_REST_N, Gate
 from ruffini.estimators.base import Estimator
 from ruffini.estimators.material.command import COMMAND, MaterialOptions
-from ruffini.estimators.material.fit import MIN_TOUCHES, fit_material, log_from_recording, log_of_touches
+from ruffini.estimators.material.fit import MIN_TOUCHES, MaterialFit, fit_material, log_from_recording, log_of_touches
 from ruffini.estimators.material.judge import gates_of_material, report_of_fit
+from ruffini.estimators.material.prior import strain_remark
 from ruffini.estimators.operator.gauge import gauge_uncertainty_m
 from ruffini.fem.operators import Noise
 
@@ -46,7 +47,7 @@ class MaterialEstimator(Estimator):
         log, prior = job.log(lambda done: progress(0.3 * done)), job.prior()
         touches = log_of_touches(log.displacement, log.wrench, log.touch, 1 if prior.is_informed else MIN_TOUCHES)
         fit = fit_material(
-            job.board, touches, material_noise(job.board), prior=prior, is_finite=job.is_finite,
+            job.board, touches, material_noise(job.board), prior=prior, is_finite=job.is_at_finite_strain,
             progress=lambda done: progress(0.3 + 0.7 * done),
         )  # fmt: skip
         job.fit, job.material, job.stiffness_sigma = fit, fit.material, fit.stiffness_sigma
@@ -55,6 +56,7 @@ class MaterialEstimator(Estimator):
             "fitted",
             f"{fit.text()}; force of a touch left out: {1e3 * report['left_out']['force_rmse_n']:.1f} mN RMS",
             report,
+            remarks=_remarks(job, fit, f"the prior ({prior.source})", prior.is_finite),
         )
 
     def fit_alone(self, job: Job, options: MaterialOptions, progress: Progress) -> Outcome:
@@ -64,7 +66,7 @@ class MaterialEstimator(Estimator):
             job.board, job.seen_with(), path, options.reference, progress=lambda done: progress(0.3 * done)
         )
         fit = fit_material(
-            job.board, log, material_noise(job.board), is_finite=job.is_finite,
+            job.board, log, material_noise(job.board), is_finite=job.is_at_finite_strain,
             progress=lambda done: progress(0.3 + 0.7 * done),
         )  # fmt: skip
         report = report_of_fit(fit)
@@ -76,7 +78,8 @@ class MaterialEstimator(Estimator):
             from ruffini.estimators.material.picture import residuals
 
             files = (residuals(options.plot, fit, title=f"{job.board.name}: material from {path.name}"),)
-        return Outcome("fitted", f"{fit.text()}; force RMSE {before:.1f} -> {after:.1f} mN", report, files=files)
+        text = f"{fit.text()}; force RMSE {before:.1f} -> {after:.1f} mN"
+        return Outcome("fitted", text, report, files=files, remarks=_remarks(job, fit))
 
     def keep(self, job: Job) -> Outcome:
         """The previous calibration's numbers, or the board's."""
@@ -84,7 +87,9 @@ class MaterialEstimator(Estimator):
         if job.material is None:
             return Outcome("board", "board.toml's numbers")
         job.stiffness_sigma = stiffness_sigma_of(job.previous)
-        return Outcome("kept", "the previous numbers")
+        fitted = job.previous is not None and "finite_strain" in job.previous.kinds
+        said = strain_remark("the previous pad", fitted=fitted, used=job.is_at_finite_strain)
+        return Outcome("kept", "the previous numbers", remarks=() if said is None else (said,))
 
     def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:
         return gates_of_material(report, board) if "interval_95" in report and board is not None else []
@@ -93,6 +98,14 @@ class MaterialEstimator(Estimator):
         """Twice what 19 of 20 touches are within."""
         left_out = report.get("left_out", {}).get("force_p95_n")
         return None if left_out is None else max(TIMES_REPORT * float(left_out), MAX_REST_N)
+
+
+def _remarks(job: Job, fit: MaterialFit, prior: str = "", prior_is_finite: bool | None = None) -> tuple[str, ...]:
+    """On the strain of the fit and of its prior, and on what the log does not bound."""
+    said = [strain_remark(prior, fitted=prior_is_finite, used=fit.is_finite), *fit.at_bounds()]
+    if job.is_finite and not fit.is_finite:
+        said.append(f"board {job.board.name!r} has no second pass: its pad was fitted, and is solved, at linear strain")
+    return tuple(remark for remark in said if remark is not None)
 
 
 MATERIAL = MaterialEstimator()

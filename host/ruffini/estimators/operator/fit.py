@@ -19,7 +19,7 @@ from ruffini.estimators.operator.marker_depth import MarkerDepth, fit_marker_dep
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
 from ruffini.fem.compile import SHAPES, Compiled, compile_matrix, force_steps
 from ruffini.fem.condense import CondensedSlab, condense, surface_stiffness
-from ruffini.fem.finite_strain import LINEAR_GROWTH, FiniteStrain, error_growth, finite_strain
+from ruffini.fem.finite_strain import LINEAR_GROWTH, FiniteStrain, error_growth, finite_strain, fitted_weights
 from ruffini.fem.hierarchy import Shape
 from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
@@ -256,7 +256,9 @@ def _made(
         _add_support(tensors, metadata, system, lsb, sites, room, precision.programs)
         tensors |= _spread_tensors(board, condensed, noise, lsb)
     if is_finite:
-        beyond = finite_strain(slab, (rows.stop - rows.start, columns.stop - columns.start))
+        # The board's weights, as the fit of the material has them, whatever was fitted of this pad.
+        weights = fitted_weights(board_slab(board))
+        beyond = finite_strain(slab, (rows.stop - rows.start, columns.stop - columns.start), weights)
         tables, integers = beyond.tensors(lsb)
         tensors |= tables
         metadata |= integers

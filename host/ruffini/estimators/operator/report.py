@@ -109,7 +109,9 @@ def report_of(
 
 def _prior_of(previous: CalibrationFile | None) -> Prior | None:
     material = material_of(previous)
-    return None if material is None else next_gel_prior(material)
+    if material is None or previous is None:
+        return None
+    return next_gel_prior(material, is_finite="finite_strain" in previous.kinds)
 
 
 def by_touch(log: TouchLog, values: Array) -> Array:
