@@ -8,8 +8,7 @@
 //
 // Presses on the twin up to 1.2 mm deep and sheared by 0.5 mm cause at most two bad markers within 3 x 3 at pitches of
 // 1 and 2 mm, the recorded video of a real pad (2 mm) sheared by two pitches three, and no two lost neighbours. A hole
-// of 3.3 mm is found between all markers but the outermost of gelslim, gelslim-dense and gelsight-mini
-// (test_torn_coating.py). Single
+// of 3.3 mm is found between all markers but the outermost of the boards in test_torn_coating.py. Single
 // markers under dirt are harmless, as their neighbours fill them; two side by side make a wide lattice invalid. For
 // lattices of printed markers in one view. Frame thread; no allocation. Not in the papers.
 #pragma once

@@ -16,7 +16,7 @@ from ruffini.calibrate.container import CalibrationFile, Tensors
 from ruffini.calibrate.log.touches import TouchLog, read_touch_log
 from ruffini.errors import InputError
 from ruffini.estimators.material.fit import MaterialFit
-from ruffini.estimators.material.prior import Prior, board_prior, next_gel_prior
+from ruffini.estimators.material.prior import Prior, board_prior, is_of_finite_strain, next_gel_prior
 from ruffini.estimators.operator.fit import Material
 from ruffini.estimators.relaxation.fit import left_after
 from ruffini.fem.operators import Noise
@@ -88,11 +88,6 @@ class Job:
             raise InputError("no board: give --board, or --previous with a calibration of it")
         return self.found
 
-    @property
-    def is_at_finite_strain(self) -> bool:
-        """Whether the pad's numbers and the operator are for finite strain: what the second pass adds."""
-        return self.is_finite and "support" in self.board.pipeline.stages
-
     def log(self, progress: Progress = lambda _: None) -> TouchLog:
         """The touches; recordings are seen with the camera and the colours found so far."""
         if self._log is None:
@@ -137,7 +132,7 @@ class Job:
         before = material_of(self.previous)
         if before is None or self.previous is None:
             return board_prior(self.board)
-        return next_gel_prior(before, is_finite="finite_strain" in self.previous.kinds)
+        return next_gel_prior(before, is_finite=is_of_finite_strain(self.previous))
 
     def header(self) -> dict[str, str]:
         """Metadata of a file with what was found so far."""

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.log.reference import read_fit
 from ruffini.errors import InputError
 from ruffini.estimators.operator.fit import Material, board_slab
@@ -59,6 +60,16 @@ class Prior:
             "source": self.source, "mean": dict(zip(Material._fields, self.mean.tolist(), strict=True)),
             "relative_sigma": dict(zip(Material._fields, spread.tolist(), strict=True)),
         }  # fmt: skip
+
+
+def has_finite_strain(board: Board, *, is_asked: bool) -> bool:
+    """Whether a board's pad is fitted and solved at finite strain, which its second pass adds."""
+    return is_asked and "support" in board.pipeline.stages
+
+
+def is_of_finite_strain(file: CalibrationFile) -> bool:
+    """Whether a calibration's pad was fitted and is solved at finite strain."""
+    return "finite_strain" in file.kinds
 
 
 def strain_name(is_finite: bool) -> str:

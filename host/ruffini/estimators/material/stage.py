@@ -15,7 +15,7 @@ from ruffini.estimators.base import Estimator
 from ruffini.estimators.material.command import COMMAND, MaterialOptions
 from ruffini.estimators.material.fit import MIN_TOUCHES, MaterialFit, fit_material, log_from_recording, log_of_touches
 from ruffini.estimators.material.judge import gates_of_material, report_of_fit
-from ruffini.estimators.material.prior import strain_remark
+from ruffini.estimators.material.prior import has_finite_strain, is_of_finite_strain, strain_remark
 from ruffini.estimators.operator.gauge import gauge_uncertainty_m
 from ruffini.fem.operators import Noise
 
@@ -47,7 +47,8 @@ class MaterialEstimator(Estimator):
         log, prior = job.log(lambda done: progress(0.3 * done)), job.prior()
         touches = log_of_touches(log.displacement, log.wrench, log.touch, 1 if prior.is_informed else MIN_TOUCHES)
         fit = fit_material(
-            job.board, touches, material_noise(job.board), prior=prior, is_finite=job.is_at_finite_strain,
+            job.board, touches, material_noise(job.board), prior=prior,
+            is_finite=has_finite_strain(job.board, is_asked=job.is_finite),
             progress=lambda done: progress(0.3 + 0.7 * done),
         )  # fmt: skip
         job.fit, job.material, job.stiffness_sigma = fit, fit.material, fit.stiffness_sigma
@@ -66,7 +67,7 @@ class MaterialEstimator(Estimator):
             job.board, job.seen_with(), path, options.reference, progress=lambda done: progress(0.3 * done)
         )
         fit = fit_material(
-            job.board, log, material_noise(job.board), is_finite=job.is_at_finite_strain,
+            job.board, log, material_noise(job.board), is_finite=has_finite_strain(job.board, is_asked=job.is_finite),
             progress=lambda done: progress(0.3 + 0.7 * done),
         )  # fmt: skip
         report = report_of_fit(fit)
@@ -87,8 +88,10 @@ class MaterialEstimator(Estimator):
         if job.material is None:
             return Outcome("board", "board.toml's numbers")
         job.stiffness_sigma = stiffness_sigma_of(job.previous)
-        fitted = job.previous is not None and "finite_strain" in job.previous.kinds
-        said = strain_remark("the previous pad", fitted=fitted, used=job.is_at_finite_strain)
+        fitted = job.previous is not None and is_of_finite_strain(job.previous)
+        said = strain_remark(
+            "the previous pad", fitted=fitted, used=has_finite_strain(job.board, is_asked=job.is_finite)
+        )
         return Outcome("kept", "the previous numbers", remarks=() if said is None else (said,))
 
     def gates(self, report: dict[str, Any], board: Board | None) -> list[Gate]:

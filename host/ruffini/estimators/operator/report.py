@@ -26,7 +26,7 @@ from ruffini.errors import InputError
 from ruffini.estimators.material.fit import MIN_TOUCHES, MaterialFit, MaterialProblem, log_of_touches
 from ruffini.estimators.material.judge import gates_of_material, left_out_figures, report_of_fit
 from ruffini.estimators.material.model import MaterialLog, Predictor, Progress
-from ruffini.estimators.material.prior import Prior, board_prior, next_gel_prior
+from ruffini.estimators.material.prior import Prior, board_prior, is_of_finite_strain, next_gel_prior
 from ruffini.estimators.material.stage import SIGMA_M, TILT_M
 from ruffini.estimators.operator.gauge import gauge_uncertainty_m
 from ruffini.estimators.operator.judge import (
@@ -82,7 +82,7 @@ def report_of(
     unfit: Gate | None = None
     try:
         with threadpool_limits(limits=1):
-            fit, curve = _fitted(board, log, prior, progress, is_finite="finite_strain" in file.kinds)
+            fit, curve = _fitted(board, log, prior, progress, is_finite=is_of_finite_strain(file))
     except InputError as error:  # the log contradicts every pad: that is for the page, too
         unfit = Gate("pad", False, None, None, str(error))
     gates = [
@@ -111,7 +111,7 @@ def _prior_of(previous: CalibrationFile | None) -> Prior | None:
     material = material_of(previous)
     if material is None or previous is None:
         return None
-    return next_gel_prior(material, is_finite="finite_strain" in previous.kinds)
+    return next_gel_prior(material, is_finite=is_of_finite_strain(previous))
 
 
 def by_touch(log: TouchLog, values: Array) -> Array:

@@ -14,7 +14,7 @@ from ruffini.calibrate.log.touches import file_sha256, read_touch_log
 from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.material.fit import other_strain, read_material, read_stiffness_sigma
-from ruffini.estimators.material.prior import Prior, strain_name
+from ruffini.estimators.material.prior import Prior, has_finite_strain, strain_name
 from ruffini.estimators.material.stage import MATERIAL, material_noise
 from ruffini.estimators.operator.command import COMMAND, OperatorOptions
 from ruffini.estimators.operator.fit import Material, OperatorKind, board_slab, make_operator, stiffer
@@ -52,7 +52,8 @@ class Operator(Estimator):
         kind = make_operator(
             job.board, method=method, noise=job.noise or material_noise(job.board), material=known,
             stiffness_sigma=sigma, is_fitted=job.material is not None,
-            is_finite=job.is_at_finite_strain, n_touches=job.n_error_touches, progress=progress,
+            is_finite=has_finite_strain(job.board, is_asked=job.is_finite), n_touches=job.n_error_touches,
+            progress=progress,
         )  # fmt: skip
         _keep(job, kind)
         text = f"{method}, rounding error {int(kind.metadata['operator.error_1e9']) * 1e-9:.1e}"
