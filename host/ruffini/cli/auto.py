@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, is_finite, note, progress_bar
 from ruffini.cli.device import open_sensor
 from ruffini.errors import InputError, RefusedError
 
@@ -46,6 +46,12 @@ def auto(
     seed: Annotated[int, typer.Option(help="Plans follow from it.")] = 1,
     unit: Annotated[int, typer.Option(min=0, help="--rig sim: unit of a fleet; 0: as its board file says.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Flash also what fails its gates.")] = False,
+    strain: Annotated[
+        str | None,
+        typer.Option(
+            "--strain", help="finite or linear. Default: finite on a bench, linear on the twin, whose pad is."
+        ),
+    ] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Collect, fit, report, flash; then press where nothing was pressed before, and say the error before and after."""
@@ -58,6 +64,7 @@ def auto(
     from ruffini.estimators.task import Turned
     from ruffini.files import only_writer
 
+    at_finite = rig != SIMULATED if strain is None else is_finite(strain)
     found = find_board(board)
     task = task_of(found)
     if isinstance(task, Turned) and rig != SIMULATED:
@@ -77,7 +84,9 @@ def auto(
         else:
             site = _real(found, task, Path(rig), depth_m, shear_m, before, points, folder, is_forced=force)
         counts = task.quick if quick else task.whole
-        result = Auto(found, task, site, folder, counts, seed, note, before, force, is_quick=quick).run()
+        result = Auto(
+            found, task, site, folder, counts, seed, note, before, force, is_quick=quick, is_finite=at_finite
+        ).run()
     after, mark = result["after"], "SIMULATED, " if site.is_simulated else ""
     n_presses = counts.balls + counts.fitted + counts.judged * (2 if result["before"] else 1)
     emit(

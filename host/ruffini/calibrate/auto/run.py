@@ -84,6 +84,7 @@ class Auto:
     previous: CalibrationFile | None = None
     force: bool = False
     is_quick: bool = False
+    is_finite: bool = False  # the pad is fitted and solved at finite strain
 
     def __post_init__(self) -> None:
         self._step = Steps(self.folder, self.say)
@@ -156,7 +157,8 @@ class Auto:
     def _fit(self, path: Path, first: CalibrationFile | None) -> tuple[CalibrationFile, list[Gate]]:
         parts = [first] if first is not None and self.previous is None else []
         job = Job(self.board, [path], self.previous, parts, points=self.site.points,
-                  baseline_mm=self.site.baseline_mm, n_error_touches=self.counts.error_touches)  # fmt: skip
+                  baseline_mm=self.site.baseline_mm, n_error_touches=self.counts.error_touches,
+                  is_finite=self.is_finite)  # fmt: skip
         outcomes = run_stages(job, frozenset(), tell=lambda name, outcome, _: self._tell(name, outcome))
         more = [] if first is None else [self._than_before(path, outcomes)]
         more += [gate for part in parts for gate in gates_in(part) or []]
