@@ -19,7 +19,7 @@ bool has_hole(std::span<const Marker> markers, const MarkerSettings& settings, i
   const GridSize size = settings.lattice;
   const int64_t pitch_um = std::min(settings.pitch_x_um, settings.pitch_y_um);
   const bool is_wide = pitch_um >= kWidePitchUm;
-  const Hole hole = pitch_um < kNarrowPitchUm ? Hole{.side = 5, .count = 12} : Hole{};
+  const Hole hole = pitch_um < kNarrowPitchUm ? Hole{.side = 5, .count = 10} : Hole{};
   if (size.n_x < 4 || size.n_y < 4) return false;
   const auto at = [&](int i, int j) -> const Marker& { return markers[static_cast<size_t>(j * size.n_x + i)]; };
   const auto is_inside = [](int64_t now, int64_t margin, int size_px) {

@@ -2,13 +2,13 @@
 //
 //   bad: lost, or of a quality below 40 (0.23 px off), while expected more than half a pitch inside the picture
 //   hole: bad markers close together, not counting the lattice's border, by the smaller of its pitches:
-//           below kNarrowPitchUm    12 within 5 x 5: edges of deep faces hide a line of dots, at most 7 of 5 x 5
+//           below kNarrowPitchUm    10 within 5 x 5: edges of deep faces hide a line of dots, at most 7 of 5 x 5
 //           from there on           4 within 3 x 3
 //           from kWidePitchUm on    also two lost neighbours along an axis
 //
 // Presses on the twin up to 1.2 mm deep and sheared by 0.5 mm cause at most two bad markers within 3 x 3 at pitches of
 // 1 and 2 mm, the recorded video of a real pad (2 mm) sheared by two pitches three, and no two lost neighbours. A hole
-// of 3.3 mm is found between all markers but the outermost of the boards in test_torn_coating.py. Single
+// of 3.3 mm is found from a pitch, at least a millimetre, off the outermost markers on (test_torn_coating.py). Single
 // markers under dirt are harmless, as their neighbours fill them; two side by side make a wide lattice invalid. For
 // lattices of printed markers in one view. Frame thread; no allocation. Not in the papers.
 #pragma once

@@ -26,7 +26,7 @@ def has_hole(lost: Ints, quality: Ints, place: Ints, rest: Ints, size: tuple[int
     gone = bad & (lost == 1)[1:-1, 1:-1]
     if pitch_um >= 1400 and ((gone[1:] & gone[:-1]).any() or (gone[:, 1:] & gone[:, :-1]).any()):
         return True
-    side, count = (5, 12) if pitch_um < 750 else (3, 4)
+    side, count = (5, 10) if pitch_um < 750 else (3, 4)
     return bool((convolve(bad.astype(int), np.ones((side, side), int), mode="constant") >= count).any())
 
 
