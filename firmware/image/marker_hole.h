@@ -10,7 +10,7 @@
 // 1 and 2 mm, the recorded video of a real pad (2 mm) sheared by two pitches three, and no two lost neighbours. A hole
 // of 3.3 mm is found from a pitch, at least a millimetre, off the outermost markers on (test_torn_coating.py). Single
 // markers under dirt are harmless, as their neighbours fill them; two side by side make a wide lattice invalid. For
-// lattices of printed markers in one view. Frame thread; no allocation. Not in the papers.
+// lattices of printed markers in one view, narrow ones of 7 x 7 and more. Frame thread; no allocation. Not in the papers.
 #pragma once
 
 #include <cstdint>

@@ -49,7 +49,7 @@ def auto(
     strain: Annotated[
         str | None,
         typer.Option(
-            "--strain", help="finite or linear. Default: finite on a bench, linear on the twin, whose pad is."
+            "--strain", help="finite or linear (stage support). Default: finite with a bench, linear with sim."
         ),
     ] = None,
     json_: JsonFlag = False,

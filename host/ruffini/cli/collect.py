@@ -93,6 +93,7 @@ def collect(
     note(f"cal collect: board {board}")
     from ruffini.boards import find_board
     from ruffini.demo.twin_session import MACHINES, TwinOptions
+    from ruffini.estimators.material.prior import has_finite_strain
     from ruffini.estimators.table import pressed_for
     from ruffini.rig import collect as collecting
     from ruffini.rig.log_file import LogWriter
@@ -147,7 +148,8 @@ def collect(
     log = LogWriter(out, {"board": found.name, "program": program, "seed": seed, "n": count, "depth_mm": depth_mm,
                           "shear_mm": shear_mm, "rig": rig, "tip": presses, **span.facts})  # fmt: skip
     n_before = len(log.done())
-    next_step = f"Next: ruffini cal fit {out} --board {board} --out calibration.safetensors"
+    strain = " --strain finite" if rig != SIMULATED and has_finite_strain(found, is_asked=True) else ""
+    next_step = f"Next: ruffini cal fit {out} --board {board}{strain} --out calibration.safetensors"
     if asked.is_of_scale and "force_x" not in found.board.not_measured:
         next_step += f". {NO_SHEAR}"
     page = _page(f"{program} on {found.name}", next_step, http_port, opens=not no_browser) if view else None

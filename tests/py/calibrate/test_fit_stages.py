@@ -239,6 +239,9 @@ def test_three_presses_are_enough_after_a_gel_was_changed(fitted, board: Board, 
     )
     assert "previous pad was fitted at linear strain" in material.MATERIAL.keep(finite).remarks[0]
     assert material.MATERIAL.keep(job).remarks == ()
+    assert not any("a real pad" in r for r in (*outcome.remarks, *material.MATERIAL.fit(job, lambda _: None).remarks))
+    job.log().facts[0]["rig"] = "bench"
+    assert "a real pad was pressed" in material.MATERIAL.fit(job, lambda _: None).remarks[-1]
     blind = board.model_copy(update={"pipeline": board.pipeline.model_copy(
         update={"stages": [stage for stage in board.pipeline.stages if stage != "support"]})})  # fmt: skip
     at_linear = Job(blind, job.paths, previous=before, is_finite=True)

@@ -153,7 +153,11 @@ def test_a_priors_strain_is_kept_and_another_is_named(board: Board, tmp_path: Pa
     assert read_prior(tmp_path / "prior.json", board).is_finite is False
     assert strain_remark("it", fitted=None, used=True) is None
     assert strain_remark("it", fitted=True, used=True) is None
-    assert (strain_remark("it", fitted=False, used=True) or "").startswith("it was fitted at linear strain and is used")
+    assert (strain_remark("it", fitted=False, used=True) or "").endswith("fit it again with --strain finite")
+    assert (strain_remark("it", fitted=True, used=False) or "").endswith("give --strain finite here, too")
+    (tmp_path / "prior.json").write_text(json.dumps({**tree, "strain": "some"}))
+    with pytest.raises(InputError, match="strain 'some' is neither linear nor finite"):
+        read_prior(tmp_path / "prior.json", board)
 
 
 def test_the_shape_of_the_displacement_tells_ratio_and_thickness_apart(board: Board) -> None:

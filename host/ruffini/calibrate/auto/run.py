@@ -182,7 +182,8 @@ class Auto:
         return Gate(BETTER, bool(after < before), after, before, text)
 
     def _tell(self, name: str, outcome: Outcome) -> None:
-        self.say(f"{name}: {outcome.state}, {outcome.text}")
+        for line in (f"{outcome.state}, {outcome.text}", *outcome.remarks):
+            self.say(f"{name}: {line}")
 
     def _collect(
         self, name: str, program: str, touches: Sequence[Item], seed: int, calibration: CalibrationFile | None

@@ -24,7 +24,7 @@ from ruffini.errors import InputError, RuffiniError
 from ruffini.estimators.material.fit import MIN_TOUCHES, MaterialFit, MaterialProblem, log_of_touches
 from ruffini.estimators.material.judge import touch_figures
 from ruffini.estimators.material.model import MaterialLog, Predictor
-from ruffini.estimators.material.prior import LEAST_SPREAD, Prior, fleet_prior
+from ruffini.estimators.material.prior import LEAST_SPREAD, Prior, fleet_prior, has_finite_strain
 from ruffini.estimators.material.stage import SIGMA_M, TILT_M
 from ruffini.estimators.operator.fit import Material
 from ruffini.estimators.operator.gauge import gauge_uncertainty_m
@@ -101,7 +101,7 @@ def fit_fleet(
     InputError
         Two logs of one name, or no unit that can be fitted.
     """
-    start = time.monotonic()
+    start, is_finite = time.monotonic(), has_finite_strain(board, is_asked=is_finite)
     twice = {p.name for p in paths if sum(q.name == p.name for q in paths) > 1}
     if twice:
         raise InputError(f"several logs are called {min(twice)}: units are told apart by their logs' names")

@@ -64,6 +64,11 @@ class TouchLog:
     touch_facts: list[dict[str, Any]] = field(default_factory=list)  # of each touch of the rig's logs
 
     @property
+    def is_simulated(self) -> bool:
+        """Whether a twin was pressed in some of the files."""
+        return any(f.get("rig") == "sim" or f.get("simulated") for f in self.facts)
+
+    @property
     def n_touches(self) -> int:
         """Number of touches."""
         return len(np.unique(self.touch))

@@ -31,7 +31,7 @@ from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.log.reference import play, read_fit
 from ruffini.errors import InputError
 from ruffini.estimators.material.model import MaterialLog, Predictor, Shape
-from ruffini.estimators.material.prior import Prior, board_prior, strain_name, strain_remark
+from ruffini.estimators.material.prior import Prior, board_prior, read_strain, strain_name, strain_remark
 from ruffini.estimators.operator.fit import Material, board_slab
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import HIGHEST_POISSON
@@ -82,8 +82,7 @@ class MaterialFit:
     def at_bounds(self) -> list[str]:
         """A sentence for each number that stopped at the end of what is tried."""
         return [
-            f"{name} stopped at {value:.4g}, the {end} value that is tried on this board: the log wants it further, so "
-            "check the board's [pad]"
+            f"{name} stopped at {value:.4g}, the {end} value that is tried on this board: compare its [pad] and the log"
             for end, limits in (("lowest", self.bounds[0]), ("highest", self.bounds[1]))
             for name, value, limit in zip(NAMES, self.values, limits, strict=True)
             if abs(value / limit - 1) < AT_BOUND
@@ -220,7 +219,7 @@ def other_strain(path: Path, board: Board, *, is_finite: bool) -> str | None:
     InputError
         Unreadable, not of this kind, or of another board.
     """
-    fitted = read_fit(path, board, "cal fit --only material", lambda tree: tree.get("strain", "linear") == "finite")
+    fitted = read_fit(path, board, "cal fit --only material", read_strain)
     return strain_remark(str(path), fitted=fitted, used=is_finite)
 
 

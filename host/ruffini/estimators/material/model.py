@@ -17,9 +17,8 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
-from ruffini.estimators.operator.fit import board_slab, board_window_m, observed_unknowns
+from ruffini.estimators.operator.fit import board_slab, board_window_m, finite_strain_of, observed_unknowns
 from ruffini.fem.condense import condense
-from ruffini.fem.finite_strain import finite_strain, fitted_weights
 from ruffini.fem.operators import Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
@@ -81,7 +80,7 @@ class Predictor:
             """(t, 3 m) N, or nothing at linear strain."""
             if not is_finite:
                 return None
-            law = finite_strain(pad, shape[:2], fitted_weights(slab))
+            law = finite_strain_of(board, pad)
             return np.array([law.force(one.reshape(shape)).ravel() for one in u])
 
         of_board = beyond_of(slab)

@@ -77,13 +77,28 @@ def strain_name(is_finite: bool) -> str:
     return "finite" if is_finite else "linear"
 
 
+def read_strain(tree: dict[str, Any]) -> bool:
+    """Whether a written fit is of finite strain; those of before it was written are of linear strain.
+
+    Raises
+    ------
+    ValueError
+        Another word than `strain_name` has.
+    """
+    word = tree.get("strain", "linear")
+    if word not in ("linear", "finite"):
+        raise ValueError(f"strain {word!r} is neither linear nor finite")
+    return bool(word == "finite")
+
+
 def strain_remark(what: str, *, fitted: bool | None, used: bool) -> str | None:
     """A sentence where numbers were fitted at another strain (True: finite) than they are used at."""
     if fitted is None or fitted == used:
         return None
+    remedy = "give --strain finite here, too" if fitted else "fit it again with --strain finite"
     return (
-        f"{what} was fitted at {strain_name(fitted)} strain and is used at {strain_name(used)}: after presses deeper "
-        f"than a tenth of the pad it is several percent off; fit it again with --strain {strain_name(used)}"
+        f"{what} was fitted at {strain_name(fitted)} strain and is used at {strain_name(used)}: forces of presses "
+        f"deeper than a tenth of the pad's thickness are then several percent off; {remedy}"
     )
 
 
@@ -144,6 +159,6 @@ def read_prior(path: Path, board: Board) -> Prior:
             np.linalg.cholesky(covariance)
         except np.linalg.LinAlgError:
             raise ValueError("its covariance is not positive definite") from None
-        return Prior(str(tree["source"]), mean, covariance, tree.get("strain", "linear") == "finite")
+        return Prior(str(tree["source"]), mean, covariance, read_strain(tree))
 
     return read_fit(path, board, "cal fleet", parse)

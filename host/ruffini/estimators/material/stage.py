@@ -53,11 +53,15 @@ class MaterialEstimator(Estimator):
         )  # fmt: skip
         job.fit, job.material, job.stiffness_sigma = fit, fit.material, fit.stiffness_sigma
         report = report_of_fit(fit)
+        remarks = _remarks(job, fit, f"the prior ({prior.source})", prior.is_finite)
+        is_real = not log.is_simulated and any("rig" in facts for facts in log.facts)
+        if is_real and not job.is_finite and has_finite_strain(job.board, is_asked=True):
+            remarks += ("a real pad was pressed and is fitted at linear strain: give --strain finite",)
         return Outcome(
             "fitted",
             f"{fit.text()}; force of a touch left out: {1e3 * report['left_out']['force_rmse_n']:.1f} mN RMS",
             report,
-            remarks=_remarks(job, fit, f"the prior ({prior.source})", prior.is_finite),
+            remarks=remarks,
         )
 
     def fit_alone(self, job: Job, options: MaterialOptions, progress: Progress) -> Outcome:

@@ -21,8 +21,15 @@ from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.log.touches import TouchLog
 from ruffini.estimators.base import Estimator
 from ruffini.estimators.material.fit import force_size
+from ruffini.estimators.material.prior import has_finite_strain
 from ruffini.estimators.material.stage import material_noise
-from ruffini.estimators.operator.fit import board_slab, board_window_m, observed_unknowns, second_pass
+from ruffini.estimators.operator.fit import (
+    board_slab,
+    board_window_m,
+    finite_strain_of,
+    observed_unknowns,
+    second_pass,
+)
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.operators import LONG_NODES, Noise, force_operator
 from ruffini.fem.support import support_system
@@ -58,7 +65,9 @@ def unexplained(job: Job, log: TouchLog, noise: Noise) -> Power:
     slab, observed = board_slab(board, job.material), observed_unknowns(board)
     condensed = condense(slab)
     matrix = force_operator(slab, "optimal", noise=noise, window_m=board_window_m(board))
-    estimate = second_pass(board, matrix, support_system(condensed, noise, observed, matrix))
+    is_finite = has_finite_strain(board, is_asked=job.is_finite)
+    beyond = finite_strain_of(board, slab) if is_finite else None
+    estimate = second_pass(board, matrix, support_system(condensed, noise, observed, matrix), beyond)
     whole = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
     compliance = whole[np.ix_(observed, observed)]
     rows, columns = board.observed
@@ -71,7 +80,8 @@ def unexplained(job: Job, log: TouchLog, noise: Noise) -> Power:
     left = []
     for u in log.displacement[chosen]:
         force, _ = estimate(u.reshape(shape))
-        left.append(power_of(u - (compliance @ force.ravel()).reshape(-1, 3), plane, shape))
+        linear = force if beyond is None else force - beyond.force(u.reshape(shape))
+        left.append(power_of(u - (compliance @ linear.ravel()).reshape(-1, 3), plane, shape))
     return Power.mean(left)
 
 

@@ -256,9 +256,7 @@ def _made(
         _add_support(tensors, metadata, system, lsb, sites, room, precision.programs)
         tensors |= _spread_tensors(board, condensed, noise, lsb)
     if is_finite:
-        # The board's weights, as the fit of the material has them, whatever was fitted of this pad.
-        weights = fitted_weights(board_slab(board))
-        beyond = finite_strain(slab, (rows.stop - rows.start, columns.stop - columns.start), weights)
+        beyond = finite_strain_of(board, slab)
         tables, integers = beyond.tensors(lsb)
         tensors |= tables
         metadata |= integers
@@ -270,7 +268,7 @@ def _made(
                 observe=None if depth is None else depth.observe, spread=FITTED if is_fitted else UNMEASURED,
                 progress=lambda done: progress(0.6 + 0.4 * done),
             )  # fmt: skip
-            growth = error_growth(slab) if is_finite else LINEAR_GROWTH if depth is None else None
+            growth = error_growth(board_slab(board)) if is_finite else LINEAR_GROWTH if depth is None else None
             errors = errors if growth is None else errors.grown(growth)
             tensors |= error_tensors(errors)
         except InputError as error:
@@ -279,15 +277,25 @@ def _made(
     return OperatorKind(tensors, metadata, matrix, system, beyond, errors, depth, gauge, no_errors)
 
 
-def second_pass(board: Board, matrix: npt.NDArray[np.float64], system: SupportSystem) -> Estimate:
-    """The board's solve in float64: linear estimate, contact mask, second pass."""
+def finite_strain_of(board: Board, slab: Slab) -> FiniteStrain:
+    """What a pad of this board adds at finite strain, with the board's weights whatever was fitted of this pad."""
+    rows, columns = board.observed
+    shape = (rows.stop - rows.start, columns.stop - columns.start)
+    return finite_strain(slab, shape, fitted_weights(board_slab(board)))
+
+
+def second_pass(
+    board: Board, matrix: npt.NDArray[np.float64], system: SupportSystem, beyond: FiniteStrain | None = None
+) -> Estimate:
+    """The board's solve in float64: linear estimate with the finite-strain part, contact mask, second pass."""
     threshold_n = board.contact.threshold_un * 1e-6
 
     def estimate(u: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        linear = matrix @ u.ravel()
-        force_z = linear.reshape(u.shape)[..., 2]
+        part = None if beyond is None else beyond.force(u).ravel()
+        start = matrix @ u.ravel() if part is None else matrix @ u.ravel() + part
+        force_z = start.reshape(u.shape)[..., 2]
         mask, least_n = contact_mask(force_z, threshold_n=threshold_n, min_nodes=board.contact.min_nodes)
-        force = solve_on_support(system, u.ravel(), linear, mask.ravel(), threshold_n=least_n)
+        force = solve_on_support(system, u.ravel(), start, mask.ravel(), threshold_n=least_n, beyond_n=part)
         return force.reshape(u.shape), mask
 
     return estimate

@@ -174,7 +174,7 @@ def _origin(file: CalibrationFile, log: TouchLog) -> dict[str, Any]:
     return {
         "files": log.sources, "touches": log.n_touches, "frames": len(log.wrench), "untouched_frames": len(log.rest),
         "in_the_fit": all(sha in fitted_to for sha in log.sources.values()),
-        "simulated": any(f.get("rig") == "sim" or f.get("simulated") for f in log.facts),
+        "simulated": log.is_simulated,
     }  # fmt: skip
 
 

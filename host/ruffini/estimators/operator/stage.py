@@ -73,7 +73,7 @@ class Operator(Estimator):
         gain = job.instant_gain if memory is None else memory.gain
         remarks: list[str | None] = []
         if options.material is None:
-            MATERIAL.keep(job)
+            remarks += MATERIAL.keep(job).remarks
         else:
             job.material = read_material(options.material, board)
             job.stiffness_sigma = read_stiffness_sigma(options.material, board)
