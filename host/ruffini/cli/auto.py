@@ -60,12 +60,18 @@ def auto(
     from ruffini.calibrate import container, keys
     from ruffini.calibrate.auto.page import headline
     from ruffini.calibrate.auto.run import Auto
+    from ruffini.estimators.material.prior import has_finite_strain
+    from ruffini.estimators.operator.fit import board_slab, finite_strain_of
     from ruffini.estimators.table import task_of
     from ruffini.estimators.task import Turned
     from ruffini.files import only_writer
 
     at_finite = rig != SIMULATED if strain is None else is_finite(strain)
     found = find_board(board)
+    if has_finite_strain(found, is_asked=at_finite):
+        finite_strain_of(found, board_slab(found))  # refuses a grid that is too fine before anything is pressed
+    elif strain == "finite":
+        note(f"board {found.name!r} has no second pass: --strain changes nothing")
     task = task_of(found)
     if isinstance(task, Turned) and rig != SIMULATED:
         task = task.bench

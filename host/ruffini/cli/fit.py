@@ -84,7 +84,7 @@ def fit(
     from ruffini.estimators.material.prior import read_prior
     from ruffini.estimators.table import BY_NAME, need_prior_stage
 
-    command = command_named(only)
+    at_finite, command = is_finite(strain), command_named(only)
     if command is not None and only != command.name:
         note(f"stage {only} is now called {command.name}")
         only = command.name
@@ -104,7 +104,7 @@ def fit(
     job = Job(
         found, paths, before, [keys.read_verified(path) for path in given or []], balls,
         None if fleet is None or found is None or is_calibration else read_prior(fleet, found),
-        keys.read_verified(fleet) if fleet is not None and is_calibration else None, is_finite=is_finite(strain),
+        keys.read_verified(fleet) if fleet is not None and is_calibration else None, is_finite=at_finite,
         n_error_touches=touches, points=points, baseline_mm=baseline_mm, pattern=pattern, only=only, options=options,
     )  # fmt: skip
     for file in [*job.parts, *([job.other_units] if job.other_units else [])]:

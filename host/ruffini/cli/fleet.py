@@ -34,10 +34,10 @@ def fleet(
     from ruffini.estimators.material.prior import write_prior
     from ruffini.files import write_whole
 
-    found = find_board(board)
+    found, at_finite = find_board(board), is_finite(strain)
     count = n_workers or os.cpu_count() or 1
     with progress_bar("units") as progress:
-        made = fit_fleet(logs, found, given, is_finite=is_finite(strain), n_workers=count, dask=dask, progress=progress)
+        made = fit_fleet(logs, found, given, is_finite=at_finite, n_workers=count, dask=dask, progress=progress)
     tree = made.report()
     write_fleet_page(out, found, made)
     write_whole(out.with_suffix(".json"), json.dumps(tree, indent=1).encode() + b"\n")

@@ -253,7 +253,7 @@ def finite_strain(slab: Slab, shape: tuple[int, int], weights: Weights | None = 
     if max(*along_x.cos.shape, *along_y.cos.shape) > MAX_NODES:
         raise InputError(
             f"finite strain: {shape[1]} x {shape[0]} nodes need {len(along_x.cos)} x {len(along_y.cos)} waves, the "
-            f"board's sums hold {MAX_NODES}: make [grid] coarser, or choose linear strain"
+            f"board's sums hold {MAX_NODES}: make [grid] coarser, or give --strain linear"
         )
     shear = slab.modulus_pa / (2 * (1 + slab.poisson))
     extension = _extension(slab, heights, along_x.angle, along_y.angle)

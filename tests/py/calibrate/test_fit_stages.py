@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -25,6 +26,7 @@ from ruffini.calibrate.log.touches import Series, TouchLog, read_touch_log
 from ruffini.errors import InputError, RefusedError
 from ruffini.estimators.material import stage as material
 from ruffini.estimators.material.fit import fit_material
+from ruffini.estimators.operator import report as operator_report
 from ruffini.estimators.operator import stage as operator
 from ruffini.estimators.operator.fit import Material, board_slab, make_operator
 from ruffini.estimators.operator.page import write_page
@@ -273,6 +275,31 @@ def test_report_judges_on_a_log_that_was_not_fitted(fitted, board: Board, tmp_pa
     assert text.count("data:image/png;base64,") == 3
     assert not re.search(r'(src|href)="(?!data:)', text)
     assert "SIMULATED" in text
+
+
+def test_a_calibration_of_finite_strain_is_reported_and_followed_at_it(
+    fitted,
+    board: Board,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, file, _ = fitted
+    kinds = ",".join([*file.kinds, "finite_strain"])
+    finite = SimpleNamespace(kinds=kinds.split(","), metadata={**file.metadata, "kinds": kinds}, tensors=file.tensors)
+    asked: list[bool] = []
+
+    def stop(*_: object, is_finite: bool) -> None:
+        asked.append(is_finite)
+        raise InputError("enough was seen")
+
+    monkeypatch.setattr(operator_report, "_fitted", stop)
+    log = read_touch_log([rig_log(board, tmp_path / "other.h5", 5, seed=9)], board, None)
+    report_of(board, file, log)
+    monkeypatch.setattr(operator_report, "is_of_finite_strain", lambda _: True)
+    report_of(board, file, log)
+    assert asked == [False, True]
+    assert Job(board, [], previous=file).prior().is_finite is False
+    assert Job(board, [], previous=finite).prior().is_finite is True
 
 
 def test_a_fleet_at_finite_strain_says_so(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import json
 from pathlib import Path
@@ -32,14 +31,15 @@ from ruffini.estimators.material.prior import (
     strain_remark,
     write_prior,
 )
-from ruffini.estimators.operator.fit import Material, board_slab
+from ruffini.estimators.operator.fit import Material, board_slab, finite_strain_of
 from ruffini.fem.condense import condense, surface_stiffness
-from ruffini.fem.finite_strain import EXACT, finite_strain
+from ruffini.fem.finite_strain import EXACT, finite_strain, fitted_weights
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import Slab
 from ruffini.reflection import dense_from_blocks, spd_inverse
 
 NOISE = Noise((5e-6, 5e-6, 20e-6))
+TOUCH_NOISE_M = 2e-6
 TRUE = Material(215_000.0, 0.470, 4.15e-3)
 
 
@@ -57,10 +57,10 @@ def compliance_of(slab: Slab) -> np.ndarray:
 
 
 def touches(
-    board: Board, n: int, rng: np.random.Generator, *, is_finite: bool = False
+    board: Board, n: int, rng: np.random.Generator, *, is_finite: bool = False, pad: Material = TRUE
 ) -> tuple[np.ndarray, np.ndarray]:
     """Displacement and wrench of n touches of four frames each, with an untouched frame before each."""
-    slab = board_slab(board, TRUE)
+    slab = board_slab(board, pad)
     compliance = compliance_of(slab)
     law = finite_strain(slab, (slab.n_y, slab.n_x), EXACT)
 
@@ -85,7 +85,7 @@ def touches(
             force = force.reshape(-1, 3)
             u = pressed(force)
             places = arms + u if is_finite else arms
-            displacement.append(u + rng.normal(0, 2e-6, force.shape))
+            displacement.append(u + rng.normal(0, TOUCH_NOISE_M, force.shape))
             wrench.append(np.concatenate([force.sum(axis=0), np.cross(places, force).sum(axis=0)]))
         displacement.append(np.zeros((slab.n_nodes, 3)))
         wrench.append(np.zeros(6))
@@ -134,12 +134,17 @@ def test_a_fit_at_another_strain_is_named(board: Board, tmp_path: Path) -> None:
 
 def test_a_number_at_the_end_of_what_is_tried_is_named(board: Board) -> None:
     u, wrench = touches(board, 12, np.random.default_rng(4))
-    fit = fitted(board, log_from_frames(u, wrench))
-    assert fit.at_bounds() == []
-    stopped = dataclasses.replace(fit, values=np.array([*fit.values[:1], *fit.bounds[1, 1:2], *fit.bounds[0, 2:]]))
-    assert [said.split(",")[0] for said in stopped.at_bounds()] == [
-        f"thickness_m stopped at {fit.bounds[0, 2]:.4g}", f"poisson stopped at {fit.bounds[1, 1]:.4g}"
-    ]  # fmt: skip
+    assert fitted(board, log_from_frames(u, wrench)).at_bounds() == []
+    u, wrench = touches(board, 12, np.random.default_rng(4), pad=TRUE._replace(thickness_m=4.8e-3))
+    (said,) = fitted(board, log_from_frames(u, wrench)).at_bounds()
+    assert said.startswith("thickness_m stopped at 0.0044, the highest value that is tried on this board")
+
+
+def test_the_boards_weights_hold_for_all_its_pads() -> None:
+    """The fit of the material has them, so the operator and its sigmas have them, too."""
+    board = find_board("gelslim")
+    thicker = board_slab(board, Material(2e5, 0.48, 1.15 * board.pad.thickness_um * 1e-6))
+    assert fitted_weights(thicker) != fitted_weights(board_slab(board)) == finite_strain_of(board, thicker).weights
 
 
 def test_a_priors_strain_is_kept_and_another_is_named(board: Board, tmp_path: Path) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from kept import kept
 from scipy.ndimage import gaussian_filter
+from test_material import TOUCH_NOISE_M, TRUE, board, touches  # noqa: F401
 
-from ruffini.boards import find_board
+from ruffini.boards import Board, find_board
 from ruffini.estimators.noise import stage
 from ruffini.estimators.noise.stage import BLOCK, MIN_BLOCKS, MIN_REST, Power, long_share, planes, power_of
 from ruffini.estimators.operator import error_model
@@ -83,6 +84,16 @@ def test_the_fit_takes_the_larger_of_rest_and_touch(
     job.board = BOARD.model_copy(update={"depth": by_markers})
     stage.NOISE.fit(job, lambda _: None)
     assert job.noise.long_share is None
+
+
+def test_what_finite_strain_explains_of_a_touch_is_no_noise(board: Board) -> None:  # noqa: F811
+    """Deep touches with noise of TOUCH_NOISE_M, on a pad whose numbers are known."""
+    u, wrench = touches(board, 6, np.random.default_rng(4), is_finite=True)
+    log, left = SimpleNamespace(displacement=u, wrench=wrench, touch=np.arange(len(u)) // 5), {}
+    for is_finite in (True, False):
+        job = SimpleNamespace(board=board, material=TRUE, is_finite=is_finite)
+        left[is_finite] = stage.unexplained(job, log, Noise(tuple(SIGMA_M))).node - TOUCH_NOISE_M**2
+    assert (left[True] < 0.3 * left[False]).all()
 
 
 def test_growth_keeps_the_larger_crosstalk() -> None:

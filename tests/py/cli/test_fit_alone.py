@@ -98,20 +98,8 @@ def test_strain_reaches_the_fit_of_the_material_and_the_operator_names_another(
     assert asked == [True, False]
     path, out = tmp_path / "m.json", tmp_path / "o.safetensors"
     path.write_text(json.dumps({"board": files.board.name, "strain": "linear", **NUMBERS}))
-    words = (
-        "cal",
-        "fit",
-        "--only",
-        "operator",
-        "--board",
-        files.folder,
-        "--touches",
-        0,
-        "--material",
-        path,
-        "--out",
-        out,
-    )
+    words = ("cal", "fit", "--only", "operator", "--board", files.folder, "--material", path, "--out", out)
+    words += ("--touches", 0)
     assert "was fitted at linear strain and is used at finite" in run(*words, "--strain", "finite")[2]
     assert "strain" not in run(*words)[2]
 
