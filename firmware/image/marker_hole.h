@@ -10,7 +10,7 @@
 // 1 and 2 mm, the recorded video of a real pad (2 mm) sheared by two pitches three, and no two lost neighbours. A hole
 // of 3.3 mm, darker or brighter than the gel, is found at least a pitch and 1 mm inside the outermost markers
 // (test_torn_coating.py; painted into the video, test_marker_video.py). Limit: one of the gel's own grey, centred on a
-// marker of a wide lattice, hides that one alone. Single markers under dirt are harmless, as their neighbours fill them;
+// marker of a wide lattice, hides that one alone. Single markers under dirt are harmless, as neighbours fill them;
 // two side by side make a wide lattice invalid. For lattices of printed markers in one view, narrow ones of 7 x 7 and
 // more. Frame thread; no allocation. Not in the papers.
 #pragma once
