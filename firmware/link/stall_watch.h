@@ -1,5 +1,7 @@
 // Detects a stalled camera: no good frame for three times the usual interval, at least 25 ms. The interval is the
-// board's or, if frames come more slowly, the mean of the last ones. Link thread only.
+// board's or, if frames come more slowly, the mean of the last ones. A camera that is more than three times as slow as
+// its board says would stall before each frame: after kMaxLateInARow late frames in a row the shortest of their
+// intervals is the usual one. Link thread only.
 #pragma once
 
 #include <algorithm>
@@ -11,6 +13,8 @@ class StallWatch {
  public:
   static constexpr uint64_t kMinUs = 25'000;
   static constexpr uint64_t kFirstUs = 2'000'000;  // a camera that is starting
+  static constexpr int kMaxLateInARow = 4;
+  static constexpr uint64_t kSlowestUs = 400'000;  // no camera is slower than that: its limit stays below 1.5 s
 
   explicit StallWatch(uint64_t period_us) : period_us_(period_us), mean_us_(period_us) {}
 
@@ -19,8 +23,7 @@ class StallWatch {
     if (since_us_ == 0) since_us_ = now_us;
     if (n_frames != n_frames_) {
       const uint64_t interval_us = (now_us - since_us_) / (n_frames - n_frames_);
-      // A stall is not an interval; a delay shorter than that is normal variation.
-      if (n_frames_ > 0 && !is_stalled_) mean_us_ = (7 * mean_us_ + interval_us) / 8;
+      if (n_frames_ > 0) learn(interval_us);
       n_frames_ = n_frames;
       since_us_ = now_us;
       is_stalled_ = false;
@@ -33,6 +36,7 @@ class StallWatch {
   void suspend(uint64_t now_us) {
     since_us_ = now_us;
     is_stalled_ = false;
+    n_late_ = 0;
   }
   [[nodiscard]] uint64_t silence_us(uint64_t now_us) const { return now_us - since_us_; }
   [[nodiscard]] uint64_t limit_us() const {
@@ -40,8 +44,23 @@ class StallWatch {
   }
 
  private:
+  // A stall is not an interval, unless every frame comes that late; a delay shorter than that is normal variation.
+  void learn(uint64_t interval_us) {
+    if (!is_stalled_) {
+      mean_us_ = (7 * mean_us_ + interval_us) / 8;
+      n_late_ = 0;
+      return;
+    }
+    shortest_late_us_ = n_late_ == 0 ? interval_us : std::min(shortest_late_us_, interval_us);
+    if (++n_late_ < kMaxLateInARow) return;
+    mean_us_ = std::min(shortest_late_us_, kSlowestUs);
+    n_late_ = 0;
+  }
+
   uint64_t period_us_;
   uint64_t mean_us_;
+  uint64_t shortest_late_us_ = 0;
+  int n_late_ = 0;
   uint64_t n_frames_ = 0;
   uint64_t since_us_ = 0;
   bool is_stalled_ = false;

@@ -16,6 +16,7 @@ from test_bad_input import HOST, is_one_sentence, run_host
 from tiny_sensor import N_FRAMES, N_REST, Sensor, draw, start
 
 SLOW_MHZ = 15_000  # 256 frames then take 17 s, in which a busy computer takes a picture, too
+MOST_LATE = 40  # zeros refused because the camera seems to stand still: it is slow, and so is a busy computer
 
 
 def ask(*arguments: str, port: str | None = None) -> dict[str, object]:
@@ -125,7 +126,11 @@ def test_a_snapshot_says_what_is_not_measured_and_what_is_not_valid(sensor: Sens
         path = tmp_path / "c.safetensors"
         path.write_bytes(sensor.calibration)
         ask("cal", "flash", str(path), port=daemon.port)
-        ask("cal", "zero", "--n", "256", "--even-if-touched", "--no-wait", port=daemon.port)
+        for _ in range(MOST_LATE):
+            code, _, text = run_host("cal", "zero", "--n", "256", "--even-if-touched", "--no-wait", port=daemon.port)
+            if "stands still" not in text:
+                break
+        assert code == 0, text
         code, out, _ = run_host("snapshot", "--out", str(tmp_path / "b.png"), port=daemon.port)
         assert code == 0
         assert "INVALID" in out

@@ -35,6 +35,45 @@ TEST(StallWatch, ACameraThatIsSlowerThanItsBoardSaysIsNotStalled) {
   EXPECT_TRUE(watch.update(30, now_us + 250'000));
 }
 
+TEST(StallWatch, ACameraOfATenthOfItsBoardsRateStallsFourTimesAndIsThenTheUsual) {
+  StallWatch watch(10'000);
+  int n_stalls = 0;
+  uint64_t now_us = 1'000;
+  bool was_stalled = false;
+  for (uint64_t i = 0; i < 40; ++i) {
+    for (int k = 0; k < 50; ++k, now_us += 2'000) {
+      const bool is_stalled = watch.update(i, now_us);
+      n_stalls += is_stalled && !was_stalled ? 1 : 0;
+      was_stalled = is_stalled;
+    }
+  }
+  EXPECT_EQ(n_stalls, StallWatch::kMaxLateInARow);
+  EXPECT_NEAR(static_cast<double>(watch.limit_us()), 300'000.0, 10'000.0);
+  EXPECT_TRUE(watch.update(39, now_us + 250'000));
+}
+
+TEST(StallWatch, ACameraThatStallsNowAndThenKeepsItsLimit) {
+  StallWatch watch(kPeriodUs);
+  uint64_t now_us = 1'000;
+  for (uint64_t i = 0; i < 20; ++i) {
+    now_us = run(watch, 1, kPeriodUs, now_us, 2 * i);
+    EXPECT_TRUE(watch.update(2 * i + 1, now_us + 90'000));
+    now_us += 92'000;
+    EXPECT_FALSE(watch.update(2 * i + 2, now_us));
+  }
+  EXPECT_LT(watch.limit_us(), 3 * kPeriodUs + 1'000);
+}
+
+TEST(StallWatch, NoCameraIsSoSlowThatAForceGrowsOldUnmarked) {
+  StallWatch watch(kPeriodUs);
+  uint64_t now_us = 1'000;
+  for (uint64_t i = 0; i < 20; ++i, now_us += 3'000'000) {
+    (void)watch.update(i, now_us);
+    (void)watch.update(i, now_us + 2'500'000);
+  }
+  EXPECT_LT(watch.limit_us(), 1'500'000U);
+}
+
 TEST(StallWatch, AFastCameraHasTimeForAHiccup) {
   StallWatch watch(2'000);
   const uint64_t now_us = run(watch, 100, 2'000, 1'000);
