@@ -23,13 +23,16 @@ DRIFT = 0.04
 GLOW = -0.005  # of the whole picture while something presses: a skin that darkens is darker around a dent, too
 
 
-def seen(gains: Iterable[float], dent: float = 0.0, rng: np.random.Generator | None = None) -> Iterable[Image]:
-    """The gel under lamps of these gains; `dent` is added to a patch as large as a fingertip's."""
+def seen(
+    gains: Iterable[float], dent: float = 0.0, rng: np.random.Generator | None = None, daylight: float = 0.0
+) -> Iterable[Image]:
+    """The gel under lamps of these gains; a fingertip dents a patch by `dent`, a third is lit by `daylight` more."""
     rng = rng or np.random.default_rng(0)
     still = np.full((BOARD.camera.height_px, BOARD.camera.width_px, 3), 100.0)
     if dent:
         still *= 1 + GLOW
     still[60:80, 70:90] *= 1 + dent
+    still[:, : BOARD.camera.width_px // 3] *= 1 + daylight
     for gain in gains:
         yield np.round(still * gain + rng.normal(0, 1, still.shape)).clip(0, 255).astype(np.uint8)
 
@@ -68,3 +71,9 @@ def test_a_held_touch_is_never_learned(at_rest: Pipeline) -> None:
 
 def test_lamps_that_change_at_a_stroke_are_flagged(at_rest: Pipeline) -> None:
     assert run(at_rest, seen([1.08]))[1] & LIGHT
+
+
+@pytest.mark.parametrize(("daylight", "is_flagged"), [(0.026, False), (0.036, True)])  # real squeezes reach the first
+def test_daylight_on_a_third_of_the_picture(at_rest: Pipeline, daylight: float, is_flagged: bool) -> None:
+    rng = np.random.default_rng(1)
+    assert bool(run(at_rest, seen([1.0] * 3, rng=rng, daylight=daylight))[1] & LIGHT) == is_flagged
