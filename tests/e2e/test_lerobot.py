@@ -16,10 +16,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from hang import HANG_S
 from tiny_sensor import ROOT, Sensor, start
 
 from ruffini.device import Connection
 
+HANG_MS = 1e3 * HANG_S
 METHODS = ("is_connected", "find_cameras", "connect", "read", "async_read", "disconnect")  # abstract in lerobot 0.6.1
 
 
@@ -92,7 +94,7 @@ def test_pictures_are_the_field_that_comes_with_them(plugin: Any, port: str) -> 
         cam.connect()
         began_s, pressed = time.perf_counter(), 0
         for _ in range(60):
-            picture, touch = cam.async_read(10_000), cam.touch
+            picture, touch = cam.async_read(HANG_MS), cam.touch
             assert (picture.shape, picture.dtype) == ((70, 90, 3), np.uint8)
             assert touch.points.shape[1] == 6
             assert touch.is_simulated
@@ -115,7 +117,7 @@ def test_each_picture_is_given_out_once_and_the_latest_again(plugin: Any, port: 
         cam.connect()
         numbers = []
         for _ in range(10):
-            cam.async_read(10_000)
+            cam.async_read(HANG_MS)
             numbers.append(cam.touch.number)
         assert all(b > a for a, b in itertools.pairwise(numbers))
         assert cam.read_latest().shape == cam.read_latest().shape == (240, 320, 3)

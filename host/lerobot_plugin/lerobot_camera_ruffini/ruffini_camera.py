@@ -15,9 +15,10 @@ import ruffini
 from lerobot_camera_ruffini.config_ruffini import RuffiniCameraConfig
 from ruffini.api import Sensor, SensorFrame
 from ruffini.errors import NoDeviceError, RuffiniError
+from ruffini.patience import PATIENCE
 
 Picture = npt.NDArray[np.uint8]
-READ_MS, WARMUP_MS = 1_000.0, 5_000.0
+READ_MS, WARMUP_MS = 1_000.0 * PATIENCE, 5_000.0 * PATIENCE
 
 
 class Touch(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any, NamedTuple
@@ -14,6 +15,7 @@ from ruffini.errors import InputError
 from ruffini.older_python import StrEnum
 
 PAPER_BENCH = "reproduce.toml"
+MOST_WORKERS = 8  # a process takes half a gigabyte
 
 
 class Use(NamedTuple):
@@ -57,23 +59,26 @@ def reproduce(
         bool, typer.Option("--check", help="Compare the figures with frozen.toml: exit code 1 if one is worse.")
     ] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer runs: not the figures of the README.")] = False,
-    workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help=f"Processes of this machine (default: one a core, at most {MOST_WORKERS})."),
+    ] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Play the bench of the board's paper on the twin: tables and figures, ours beside the paper's. SIMULATED."""
     note(f"reproduce: the {only} of {board or 'every board'} on the SIMULATED sensor")
-    use = Use(freeze, check)
+    use, n_workers = Use(freeze, check), workers or min(os.cpu_count() or 1, MOST_WORKERS)
     if only is Part.METHOD:
-        _method(board, recordings, use, quick, workers, json_)
+        _method(board, recordings, use, quick, n_workers, json_)
         return
     if board is None or out is None:
         raise InputError(f"reproduce --only {only} needs a BOARD and a folder --out: name both")
     if only is Part.RECORDINGS:
         if freeze or check:
             raise InputError("--only recordings has no figures: leave --freeze and --check out")
-        _record(board, out, bench, quick, workers, json_)
+        _record(board, out, bench, quick, n_workers, json_)
     else:
-        _experiment(board, out, recordings, network, use, quick, workers, json_)
+        _experiment(board, out, recordings, network, use, quick, n_workers, json_)
 
 
 def sim_reproduce(
@@ -81,7 +86,7 @@ def sim_reproduce(
     out: Annotated[Path, typer.Option("--out")],
     bench: Annotated[str, typer.Option()] = PAPER_BENCH,
     quick: Annotated[bool, typer.Option("--quick")] = False,
-    workers: Annotated[int, typer.Option(min=1)] = 1,
+    workers: Annotated[int | None, typer.Option(min=1)] = None,
     json_: JsonFlag = False,
 ) -> None:
     """`reproduce --only recordings` under its former name."""
@@ -93,7 +98,7 @@ def papers_of_bench(
     recordings: Annotated[Path | None, typer.Option("--recordings")] = None,
     freeze: Annotated[bool, typer.Option("--freeze")] = False,
     quick: Annotated[bool, typer.Option("--quick")] = False,
-    workers: Annotated[int, typer.Option(min=1)] = 1,
+    workers: Annotated[int | None, typer.Option(min=1)] = None,
     json_: JsonFlag = False,
 ) -> None:
     """`reproduce --only method` under its former name."""
@@ -115,7 +120,7 @@ def papers(name: str) -> ModuleType:
         ) from error
 
 
-def _method(board: str | None, folder: Path | None, use: Use, quick: bool, workers: int, as_json: bool) -> None:
+def _method(board: str | None, folder: Path | None, use: Use, quick: bool, n_workers: int, as_json: bool) -> None:
     if folder is not None and board is None:
         raise InputError("--recordings are of one board: name it")
     judged, guard = papers("judged"), papers("guard")
@@ -125,7 +130,7 @@ def _method(board: str | None, folder: Path | None, use: Use, quick: bool, worke
     results, texts, checks = [], [], []
     for one in map(find_board, [board] if board else with_paper):
         with progress_bar(one.name) as progress:
-            result = judged.run(one, quick=quick, folder=folder, n_workers=workers, progress=progress)
+            result = judged.run(one, quick=quick, folder=folder, n_workers=n_workers, progress=progress)
         if use.is_checked:
             checks.append(guard.check_method(result, judged.load_frozen(one)))
             result["check"] = checks[-1].tree()
@@ -142,12 +147,12 @@ def _end(checks: list[Any]) -> None:
         raise typer.Exit(1)
 
 
-def _record(board: str, out: Path, bench: str, quick: bool, workers: int, as_json: bool) -> None:
+def _record(board: str, out: Path, bench: str, quick: bool, n_workers: int, as_json: bool) -> None:
     from ruffini.boards import find_board
     from ruffini.sim.reproduce.make import reproduce as make
 
     with progress_bar("runs") as progress:
-        outcome = make(find_board(board), out, bench=bench, quick=quick, n_workers=workers, progress=progress)
+        outcome = make(find_board(board), out, bench=bench, quick=quick, n_workers=n_workers, progress=progress)
     for key, reason in outcome.failed.items():
         note(f"{key} is left out: {reason}")
     result = {"folder": str(out), "made": outcome.n_made, "kept": outcome.n_kept, "failed": outcome.failed,
@@ -163,7 +168,7 @@ def _experiment(
     network: Path | None,
     use: Use,
     quick: bool,
-    workers: int,
+    n_workers: int,
     as_json: bool,
 ) -> None:
     experiments, guard, judged, wanted = (papers(name) for name in ("experiments", "guard", "judged", "wanted"))
@@ -175,7 +180,7 @@ def _experiment(
     one = find_board(board)
     wanted.load_wanted(one)  # before the minutes
     with progress_bar("experiment") as progress:
-        options = experiments.Options(recordings, quick, workers, progress, network)
+        options = experiments.Options(recordings, quick, n_workers, progress, network)
         found = experiments.reproduce(one, out, options)
     rows = wanted.rows_of(one, found.figures)
     figures = [row.tree(quick=quick) for row in rows]

@@ -10,6 +10,7 @@ stiffer as the base takes part. Beside the pyramids the sheet meets a black mask
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -111,7 +112,7 @@ class PyramidBed:
         pressure += self._n.mask_pa_m * np.maximum(over, 0)
         return pressure, slope + np.where(over > 0, self._n.mask_pa_m, 0.0)
 
-    def hold(self, moved: Array) -> tuple[Array, Array]:
+    def hold(self, moved: Array) -> tuple[Array, Callable[[], Array]]:
         shape = self._in_base.shape
         down = -(moved * self._normal).sum(axis=1).reshape(shape)
         self._elastic, slope = self._pressure(down)
@@ -124,8 +125,12 @@ class PyramidBed:
         force = (push * areas).reshape(-1, 1) * self._normal
         sideways = (self._across @ moved[..., None])[..., 0]
         force -= (self._n.shear_pa_m * self._in_base * areas).reshape(-1, 1) * sideways
-        weighted = self._along * (slope * areas)[..., None]
-        return force, weighted.swapaxes(1, 2) @ self._along + self._sideways
+
+        def tangent() -> Array:
+            weighted = self._along * (slope * areas)[..., None]
+            return np.asarray(weighted.swapaxes(1, 2) @ self._along + self._sideways)
+
+        return force, tangent
 
     def commit(self) -> None:
         self._memory.commit(self._elastic)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from ruffini.errors import RuffiniError
 from ruffini.sim.bodies.shell import Shell
@@ -51,22 +52,35 @@ class Sheet:
         self._gather()
 
     def _gather(self) -> None:
-        """Where each element's tangent goes in the matrix of the free unknowns."""
+        """Where each element's tangent goes in the band of the free unknowns' matrix, as LAPACK's gbtrf wants it."""
         functions, free = self.shell.patch.functions, self.is_free.ravel()
         number = np.where(free, np.cumsum(free) - 1, -1)
         dofs = number[(3 * functions[:, :, None] + np.arange(3)).reshape(len(functions), 48)]
-        rows, columns = np.repeat(dofs, 48, axis=1), np.tile(dofs, (1, 48))
-        self._kept = ((rows >= 0) & (columns >= 0)).ravel()
-        n = int(free.sum())
-        flat = columns.ravel()[self._kept].astype(np.int64) * n + rows.ravel()[self._kept]
-        unique, self._slot = np.unique(flat, return_inverse=True)
-        self._pattern = (unique % n, np.concatenate([[0], np.cumsum(np.bincount(unique // n, minlength=n))]))
-        self.n_free = n
+        rows, columns = np.repeat(dofs, 48, axis=1).ravel(), np.tile(dofs, (1, 48)).ravel()
+        self._kept = (rows >= 0) & (columns >= 0)
+        rows, columns = rows[self._kept], columns[self._kept]
+        self._half = int(np.abs(rows - columns).max())
+        self.n_free = int(free.sum())
+        self._slot = columns * (3 * self._half + 1) + 2 * self._half + rows - columns
 
-    def matrix(self, elements: Array) -> sp.csc_matrix:
-        """Tangents of the elements (m, 48, 48) as one matrix of the free unknowns."""
-        data = np.bincount(self._slot, elements.reshape(-1)[self._kept], minlength=len(self._pattern[0]))
-        return sp.csc_matrix((data, *self._pattern), shape=(self.n_free, self.n_free))
+    def solver(self, elements: Array) -> Callable[[Array], Array]:
+        """From forces to moves of the free unknowns, (n_free, ...), by the elements' tangents, (m, 48, 48).
+
+        Raises
+        ------
+        RuffiniError
+            The tangent is singular.
+        """
+        half, height = self._half, 3 * self._half + 1
+        band = np.bincount(self._slot, elements.reshape(-1)[self._kept], minlength=height * self.n_free)
+        factors, pivots, info = dgbtrf(band.reshape(self.n_free, height).T, half, half, overwrite_ab=1)
+        if info:
+            raise RuffiniError("the simulated shell lost its stiffness: press less deep")
+
+        def solve(forces: Array) -> Array:
+            return np.asarray(dgbtrs(factors, half, half, forces, pivots)[0])
+
+        return solve
 
     def rest_points(self) -> Array:
         """Samples of contact at rest, (n, 3)."""
@@ -88,8 +102,10 @@ class Foundation(Protocol):
     def begin(self, duration_s: float) -> None:
         """A step of this duration."""
 
-    def hold(self, moved: Array) -> tuple[Array, Array]:
-        """Forces (n, 3) on the samples that moved by (n, 3), newtons, and elements' tangents, (elements, 48, 48)."""
+    def hold(self, moved: Array) -> tuple[Array, Callable[[], Array]]:
+        """Forces (n, 3) on the samples that moved by (n, 3), newtons, and what makes the elements' tangents, (elements,
+        48, 48).
+        """
 
     def commit(self) -> None:
         """The last `hold` ends the step."""
@@ -105,7 +121,7 @@ class SheetState:
         self.place = model.shell.rest.copy()
         self._memory, self._foundation = Memory(relaxation or Prony()), foundation
         self._rest_points = model.rest_points()
-        self._solver: Any = None  # of the newest tangent that was factorised
+        self._solve: Callable[[Array], Array] | None = None  # with the newest tangent that was factorised
         n = model.points.shape[0]
         self.force: Array = np.zeros((n, 3))  # N, at the samples of contact
         self.slips: Bools = np.zeros(n, dtype=bool)
@@ -167,7 +183,7 @@ class SheetState:
                 force, tangent_of = shell.balance(place, memory.factor, memory.held)
                 points, total = np.asarray(model.points @ place), LEAST_FORCE_N
                 if self._foundation is not None:
-                    held, held_tangent = self._foundation.hold(points - self._rest_points)
+                    held, held_tangent_of = self._foundation.hold(points - self._rest_points)
                     force -= model.points.T @ held
                 if tool is not None:
                     pushed, pushed_tangent = tool.press(points, self.friction)
@@ -179,15 +195,15 @@ class SheetState:
                 if largest_lack < TOLERANCE * total:
                     break
                 is_near = largest_lack < CONTRACTION * before if i else tool is None or largest_lack < NEAR * total
-                if self._solver is None or not is_near:
+                if self._solve is None or not is_near:
                     tangent = tangent_of()
                     if self._foundation is not None:
-                        tangent += held_tangent
+                        tangent += held_tangent_of()
                     if tool is not None:
                         tangent += model.spread(pushed_tangent)
-                    self._solver = splu(model.matrix(tangent))
+                    self._solve = model.solver(tangent)
                 before = largest_lack
-                move = -self._solver.solve(lack)
+                move = -self._solve(lack)
                 largest = float(np.abs(move).max())
                 if not np.isfinite(largest):
                     raise RuffiniError("the simulated shell lost its stiffness: press less deep")

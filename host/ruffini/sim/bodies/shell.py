@@ -104,23 +104,37 @@ class Shell:
     ) -> tuple[Array, Callable[[], Array]]:
         """Nodal forces (n, 3) that hold the shell at `place`, and what makes their tangents, (elements, 48, 48)."""
         frame = self._frame(place)
-        resultants = factor * self._resultants(frame) + held
-        strain_r, bend_r, normal_r, long_r = _first_variations(self.patch.values, frame)
         w = self.areas[..., None]
-        rows = np.concatenate([strain_r, bend_r], axis=2)  # (elements, 9, 6, 48)
-        force = np.einsum("eqk,eqkr->er", w * resultants, rows, optimize=True)
-        nodal = np.zeros((self.patch.n, 3))
-        np.add.at(nodal, self.patch.functions, force.reshape(-1, 16, 3))
+        resultants = (factor * self._resultants(frame) + held) * w
 
         def tangent() -> Array:
+            strain_r, bend_r, normal_r, long_r = _first_variations(self.patch.values, frame)
+            rows = np.concatenate([strain_r, bend_r], axis=2)  # (elements, 9, 6, 48)
             t = self.thickness_m
             law = np.zeros((*self._law.shape[:2], 6, 6))
             law[..., :3, :3], law[..., 3:, 3:] = factor * t * self._law, factor * t**3 / 12 * self._law
             out = _gram((law @ rows) * w[..., None], rows)
-            out += self._stressed(frame, resultants * w, normal_r, long_r)
+            out += self._stressed(frame, resultants, normal_r, long_r)
             return out
 
-        return nodal, tangent
+        return self._nodal(frame, resultants), tangent
+
+    def _nodal(self, frame: _Frame, resultants: Array) -> Array:
+        """Forces (n, 3) of resultants times the areas: what their product with the first variations is, without these.
+
+        With v = moment : a_ij and u = (v - v . a3 a3) / |a1 x a2|, moment : (a_ij . a3)_r = N_ij,r moment . a3 +
+        N_1,r a2 x u + N_2,r u x a1.
+        """
+        n, moment = resultants[..., :3], resultants[..., 3:] * _TWICE
+        _, u = _turned(frame, moment)
+        first = n[..., :1] * frame.a1 + n[..., 2:3] * frame.a2 - np.cross(frame.a2, u)
+        second = n[..., 1:2] * frame.a2 + n[..., 2:3] * frame.a1 - np.cross(u, frame.a1)
+        bends = -moment[..., None] * frame.normal[..., None, :]
+        force = np.zeros((len(self.patch.functions), 16, 3))
+        for values, along in zip(self.patch.values[1:], (first, second, *np.moveaxis(bends, 2, 0)), strict=True):
+            force += values.swapaxes(1, 2) @ along
+        at = self.patch.functions.ravel()
+        return np.column_stack([np.bincount(at, force[..., i].ravel(), self.patch.n) for i in range(3)])
 
     def _stressed(self, frame: _Frame, resultants: Array, normal_r: Array, long_r: Array) -> Array:
         """The part of the tangent that comes from second variations; `resultants` are times the areas."""
@@ -134,9 +148,8 @@ class Shell:
         for i in range(3):
             out[:, :, i, :, i] = scalar
         # Minus moment : b_rs, b_rs = N_ij,r a3_s + N_ij,s a3_r + a_ij . a3_rs.
-        v = (moment[..., None, :] @ frame.second)[..., 0, :]
+        v, u = _turned(frame, moment)
         area, across = frame.area[..., None], (v * frame.normal).sum(axis=-1, keepdims=True)
-        u = (v - across * frame.normal) / area
         for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
             skew = (u[..., k, None] * n1).swapaxes(1, 2) @ n2
             skew -= skew.swapaxes(1, 2)
@@ -151,6 +164,12 @@ class Shell:
         out -= cross + cross.swapaxes(-1, -2)
         out += _gram((across / area**2)[..., None] * long_r, long_r)
         return np.asarray(out)
+
+
+def _turned(frame: _Frame, moment: Array) -> tuple[Array, Array]:
+    """v = moment : a_ij, and its part in the surface over the surface's area."""
+    v = (moment[..., None, :] @ frame.second)[..., 0, :]
+    return v, (v - (v * frame.normal).sum(axis=-1, keepdims=True) * frame.normal) / frame.area[..., None]
 
 
 def _gram(left: Array, right: Array) -> Array:

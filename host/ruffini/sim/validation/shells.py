@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse.linalg import splu
 
 from ruffini.sim.bodies.dome import DomeModel
 from ruffini.sim.bodies.sheet import Sheet
@@ -29,7 +28,7 @@ def _moved(sheet: Sheet, force: Array) -> Array:
     """Displacement of the control points (n, 3) under small forces on them, linear about rest."""
     tangent = sheet.shell.balance(sheet.shell.rest)[1]()
     out = np.zeros(sheet.is_free.shape)
-    out[sheet.is_free] = splu(sheet.matrix(tangent)).solve(force[sheet.is_free])
+    out[sheet.is_free] = sheet.solver(tangent)(force[sheet.is_free])
     return out
 
 
