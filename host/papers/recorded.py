@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +19,8 @@ from ruffini.sim.reproduce.settings import load_reproduce
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]
+Progress = Callable[[float], None]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,18 @@ def recorded_runs(board: Board, folder: Path, *, quick: bool) -> list[Recorded]:
     """Every run that is there; those that found no solution are not."""
     runs = runs_of(load_reproduce(board), quick=quick)
     return [Recorded(run, folder / run.key) for run in runs if (folder / run.key / "run.json").is_file()]
+
+
+def each_played(
+    play: Callable[[Recorded], T], runs: Sequence[Recorded], n_workers: int, progress: Progress = lambda _: None
+) -> list[T]:
+    """`play` of every run, in their order. Threads: the core and the reading of pictures leave the interpreter free."""
+    out: list[T] = []
+    with ThreadPoolExecutor(n_workers) as pool:
+        for played in pool.map(play, runs):
+            out.append(played)
+            progress(len(out) / len(runs))
+    return out
 
 
 def shape_of(recorded: Recorded) -> str:

@@ -23,7 +23,7 @@ from papers.contact_glitter.hardness_bound import bounds
 from papers.contact_glitter.played import Played
 from papers.experiments import Experiment, Figure, Options
 from papers.judged import default_folder
-from papers.recorded import Recorded, recorded_runs
+from papers.recorded import Recorded, each_played, recorded_runs
 from papers.stated import Coverage, coverage, covered, deviations
 from papers.stated import lines as stated_lines
 from ruffini.boards import Board
@@ -71,10 +71,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     container.write(out / "contact.safetensors", file)
     runs = recorded_runs(board, paper, quick=quick)
     shown = [r for r in runs if r.part != "fit" or r.set_name == "calibration"]
-    played = []
-    for done, run in enumerate(shown, 1):
-        played.append(play(board, file.data, run))
-        within(0.8, 0.9)(done / len(shown))
+    played = each_played(lambda run: play(board, file.data, run), shown, options.n_workers, within(0.8, 0.9))
     method = judge_method(board, runs)
     result = judge(board, played, method)
     known = [p for p in presses if p.has_model]

@@ -22,7 +22,7 @@ from papers.eltac.method import SIGMA_PX, Camera, Cylinder, brightest, force_cur
 from papers.eltac.played import Played
 from papers.experiments import Experiment, Figure, Options
 from papers.judged import default_folder
-from papers.recorded import Recorded
+from papers.recorded import Recorded, each_played
 from papers.stated import Coverage, coverage, covered
 from papers.stated import lines as stated_lines
 from ruffini.boards import Board
@@ -64,10 +64,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     file = taxel_file(board, fit)
     runs = [*_recorded(board, BENCH, own, options.quick), *_recorded(board, "reproduce.toml", paper, options.quick)]
     judged = [r for r in runs if r.part == "judge" or r.set_name == "curve"]
-    played = []
-    for done, run in enumerate(judged, 1):
-        played.append(play(board, file, run))
-        within(0.7, 1.0)(done / len(judged))
+    played = each_played(lambda run: play(board, file, run), judged, n, within(0.7, 1.0))
     result, text = judge(board, played, fit.report, quick=quick)
     return Experiment(result, text, pictures.draw(out, played, result), figures(result))
 

@@ -20,7 +20,7 @@ from papers.experiments import Experiment, Figure, Options
 from papers.ftouch import pictures
 from papers.ftouch.method import calibrate, targets, variables
 from papers.ftouch.played import RANGES, Played
-from papers.recorded import Recorded
+from papers.recorded import Recorded, each_played
 from papers.stated import deviations
 from ruffini.boards import Board
 from ruffini.calibrate import container
@@ -65,7 +65,8 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     data = _calibration(board, fit, folder.with_name(f"{folder.name}-balls"), quick=options.quick)
     k = calibrate(*_papers_log(fitted))
     options.progress(0.8)
-    played = [play(board, data, r, k) for r in runs if r.part != "fit"]
+    judged = [r for r in runs if r.part != "fit"]
+    played = each_played(lambda r: play(board, data, r, k), judged, options.n_workers)
     sets = {name: [p for p in played if p.recorded.set_name == name] for name in _names(played)}
     result: dict[str, Any] = {
         "board": board.name, "paper": settings.paper, "simulated": True, "quick": options.quick, "fit": fit.report(),

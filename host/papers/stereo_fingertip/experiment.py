@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ import numpy.typing as npt
 
 from papers.experiments import Experiment, Figure, Options
 from papers.judged import default_folder
-from papers.recorded import Recorded, shape_of
+from papers.recorded import Recorded, each_played, shape_of
 from papers.stated import coverage, covered
 from papers.stereo_fingertip import pictures
 from papers.stereo_fingertip import teacher as stereo_teacher
@@ -67,8 +68,11 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     file, full_n = calibration(board, fit), fit.bench.scale.full_n
     ours, tests = _recorded(board, BENCH, own, options.quick), _recorded(board, "reproduce.toml", paper, options.quick)
     judged = [r for r in ours if r.part == "judge"]
-    played = [play(board, file, run) for run in [*judged, *(r for r in tests if r.part == "judge")]]
-    one_eyed = {eye: [play(board, file, run, blind=1 - i) for run in judged] for i, eye in enumerate(("left", "right"))}
+    shown, n = [*judged, *(r for r in tests if r.part == "judge")], options.n_workers
+    played = each_played(lambda run: play(board, file, run), shown, n)
+    one_eyed = {
+        eye: each_played(partial(play, board, file, blind=1 - i), judged, n) for i, eye in enumerate(("left", "right"))
+    }
     options.progress(0.9)
     result = {
         "simulated": True, "board": board.name, "calibration": fit.report, "quick": options.quick,
