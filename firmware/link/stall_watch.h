@@ -1,7 +1,8 @@
 // Detects a stalled camera: no good frame for three times the usual interval, at least 25 ms. The interval is the
 // board's or, if frames come more slowly, the mean of the last ones. A camera that is more than three times as slow as
 // its board says would stall before each frame: after kMaxLateInARow late frames in a row the shortest of their
-// intervals is the usual one. Link thread only.
+// intervals is the usual one. A force is old after kOldestUs whatever the camera's interval; only a board whose own
+// interval is longer than a third of that waits longer. Link thread only.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +15,7 @@ class StallWatch {
   static constexpr uint64_t kMinUs = 25'000;
   static constexpr uint64_t kFirstUs = 2'000'000;  // a camera that is starting
   static constexpr int kMaxLateInARow = 4;
-  static constexpr uint64_t kSlowestUs = 400'000;  // no camera is slower than that: its limit stays below 1.5 s
+  static constexpr uint64_t kOldestUs = 1'200'000;
 
   explicit StallWatch(uint64_t period_us) : period_us_(period_us), mean_us_(period_us) {}
 
@@ -40,7 +41,7 @@ class StallWatch {
   }
   [[nodiscard]] uint64_t silence_us(uint64_t now_us) const { return now_us - since_us_; }
   [[nodiscard]] uint64_t limit_us() const {
-    return n_frames_ == 0 ? kFirstUs : std::max(3 * std::max(period_us_, mean_us_), kMinUs);
+    return n_frames_ == 0 ? kFirstUs : std::max({3 * period_us_, std::min(3 * mean_us_, kOldestUs), kMinUs});
   }
 
  private:
@@ -53,7 +54,7 @@ class StallWatch {
     }
     shortest_late_us_ = n_late_ == 0 ? interval_us : std::min(shortest_late_us_, interval_us);
     if (++n_late_ < kMaxLateInARow) return;
-    mean_us_ = std::min(shortest_late_us_, kSlowestUs);
+    mean_us_ = shortest_late_us_;
     n_late_ = 0;
   }
 

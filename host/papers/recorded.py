@@ -80,9 +80,13 @@ def each_played(
     """`play` of every run, in their order. Threads: the core and the reading of pictures leave the interpreter free."""
     out: list[T] = []
     with ThreadPoolExecutor(n_workers) as pool:
-        for played in pool.map(play, runs):
-            out.append(played)
-            progress(len(out) / len(runs))
+        try:
+            for played in pool.map(play, runs):
+                out.append(played)
+                progress(len(out) / len(runs))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # Ctrl-C does not wait for what has not begun
+            raise
     return out
 
 

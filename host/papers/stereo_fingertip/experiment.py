@@ -170,11 +170,11 @@ def play(board: Board, file: CalibrationFile, recorded: Recorded, blind: int | N
             if blind is not None and i >= board.pipeline.n_rest_frames:
                 half = picture.shape[1] // 2
                 picture[:, blind * half : (blind + 1) * half] = 0
-            start = time.perf_counter()
+            start = time.thread_time()  # others play beside it
             frame = core.process(picture)
             if not is_judged[i]:
                 continue
-            spent.append(1e3 * (time.perf_counter() - start))
+            spent.append(1e3 * (time.thread_time() - start))
             tip = core.tip()
             at.append(i)
             known.append(bool(tip.is_touched) and frame.force_z_validity == 1)

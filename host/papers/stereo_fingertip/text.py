@@ -56,7 +56,8 @@ def text(result: dict[str, Any]) -> str:
             values = "".join(f"{v:8.2f}" for v in least)
             lines.append(f"  {'X at best, mm':16}{values}  together {sum(least) / len(least):.2f}")
     ms = result["frame_ms"]
-    lines += ["", f"a frame: {ms['median']:.2f} ms, 99 of 100 below {ms['p99']:.1f} ms, longest {ms['most']:.1f} ms"]
+    times = f"{ms['median']:.2f} ms, 99 of 100 below {ms['p99']:.1f} ms, longest {ms['most']:.1f} ms"
+    lines += ["", f"processor time of a frame: {times}"]
     return "\n".join(lines)
 
 

@@ -18,6 +18,11 @@ PAPER_BENCH = "reproduce.toml"
 MOST_WORKERS = 8  # a process takes half a gigabyte
 
 
+def _n_cores() -> int:
+    """Those that this process may use, as far as the system says."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 class Use(NamedTuple):
     """What is done with measured figures."""
 
@@ -61,13 +66,15 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer runs: not the figures of the README.")] = False,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help=f"Processes of this machine (default: one a core, at most {MOST_WORKERS})."),
+        typer.Option(
+            min=1, help=f"Processes that record, threads that play (default: one a core, at most {MOST_WORKERS})."
+        ),
     ] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Play the bench of the board's paper on the twin: tables and figures, ours beside the paper's. SIMULATED."""
     note(f"reproduce: the {only} of {board or 'every board'} on the SIMULATED sensor")
-    use, n_workers = Use(freeze, check), workers or min(os.cpu_count() or 1, MOST_WORKERS)
+    use, n_workers = Use(freeze, check), workers or min(_n_cores(), MOST_WORKERS)
     if only is Part.METHOD:
         _method(board, recordings, use, quick, n_workers, json_)
         return

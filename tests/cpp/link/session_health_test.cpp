@@ -4,6 +4,7 @@
 #include <cstring>
 #include <string>
 
+#include "link/stall_watch.h"
 #include "support/install.h"
 #include "support/session_fixture.h"
 #include "support/signed_calibration.h"
@@ -217,6 +218,25 @@ TEST_F(SessionHealth, AStallGivesAZeroUp) {
 }
 
 // Wrenches of a stalled camera are telemetry: the newest waits, and no reply is lost for them.
+// A camera at a sixth of its board's rate: rest can be learned between two of its frames once it is known.
+TEST_F(SessionHealth, ASlowCameraStallsBeforeItsFirstFramesAndIsThenZeroed) {
+  exchange_.is_camera_live = true;
+  int n_stalls = 0;
+  uint64_t now_us = 1'000'000;
+  for (int frame = 0; frame < 20; ++frame) {
+    ++exchange_.frames_processed;
+    for (int k = 0; k < 20; ++k, now_us += 5'000) session_.poll(now_us);
+    for (const auto& message : read_all()) {
+      ruffini_Event event = ruffini_Event_init_zero;
+      pb_istream_t in = pb_istream_from_buffer(message.payload.data(), message.payload.size());
+      ASSERT_TRUE(pb_decode(&in, ruffini_Event_fields, &event));
+      n_stalls += std::string(event.what) == "camera_stalled" ? 1 : 0;
+    }
+  }
+  EXPECT_EQ(n_stalls, StallWatch::kMaxLateInARow);
+  EXPECT_EQ(command(request(1, ruffini_Command_zero_tag)).code, ruffini_ReplyCode_REPLY_OK);
+}
+
 TEST_F(SessionHealth, AHostThatDoesNotReadLosesNoReplyToAStall) {
   exchange_.is_camera_live = true;
   exchange_.frames_processed = 10;

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <initializer_list>
+
 namespace ruffini {
 namespace {
 
@@ -65,13 +67,29 @@ TEST(StallWatch, ACameraThatStallsNowAndThenKeepsItsLimit) {
 }
 
 TEST(StallWatch, NoCameraIsSoSlowThatAForceGrowsOldUnmarked) {
-  StallWatch watch(kPeriodUs);
-  uint64_t now_us = 1'000;
-  for (uint64_t i = 0; i < 20; ++i, now_us += 3'000'000) {
-    (void)watch.update(i, now_us);
-    (void)watch.update(i, now_us + 2'500'000);
+  for (const uint64_t interval_us :
+       std::initializer_list<uint64_t>{450'000, 600'000, 800'000, 1'000'000, 1'150'000, 2'800'000, 8'000'000}) {
+    StallWatch watch(kPeriodUs);
+    uint64_t now_us = 1'000;
+    for (uint64_t i = 0; i < 60; ++i) {
+      const uint64_t step_us = i < 30 ? std::min<uint64_t>(interval_us, 1'000'000) : interval_us;
+      for (uint64_t at_us = 0; at_us < step_us; at_us += 10'000) (void)watch.update(i, now_us + at_us);
+      now_us += step_us;
+      if (i > 0) {
+        EXPECT_LE(watch.limit_us(), StallWatch::kOldestUs) << interval_us << " us, frame " << i;
+      }
+    }
+    (void)watch.update(60, now_us);
+    EXPECT_TRUE(watch.update(60, now_us + StallWatch::kOldestUs + 1));
   }
-  EXPECT_LT(watch.limit_us(), 1'500'000U);
+}
+
+TEST(StallWatch, ABoardThatWantsOneFrameInTwoSecondsIsWaitedFor) {
+  StallWatch watch(2'000'000);
+  (void)watch.update(0, 1'000);
+  (void)watch.update(1, 2'001'000);
+  EXPECT_FALSE(watch.update(1, 2'001'000 + 5'900'000));
+  EXPECT_TRUE(watch.update(1, 2'001'000 + 6'100'000));
 }
 
 TEST(StallWatch, AFastCameraHasTimeForAHiccup) {

@@ -6,7 +6,7 @@ from kept import kept
 from scipy.spatial.transform import Rotation
 
 from ruffini.boards import find_board
-from ruffini.errors import InputError
+from ruffini.errors import InputError, RuffiniError
 from ruffini.sim.bodies.dome import DomeModel, places
 from ruffini.sim.bodies.dome_unit import DomeUnit
 from ruffini.sim.bodies.settings import DomeSettings
@@ -212,3 +212,9 @@ def test_what_the_model_does_not_have_is_refused(unit):
         unit.rig().load(np.zeros(6))
     with pytest.raises(InputError, match="is no shell"):
         DomeUnit.build(unit.board, PadError(thickness=9.0), unit.twin)
+
+
+def test_a_shell_without_stiffness_is_told(thin):
+    n = len(thin.shell.patch.functions)
+    with pytest.raises(RuffiniError, match="lost its stiffness"):
+        thin.solver(np.zeros((n, 48, 48)))
