@@ -26,7 +26,6 @@ def test_error_not_above_dis_medium_in_the_same_run() -> None:
         assert 4 < row["largest_px"] < 16
         for where in ("rms_px", "dense_rms_px"):
             assert 0.01 < row["ruffini"][where] < row["medium"][where] < row["ultrafast"][where]
-        assert row["ruffini"]["ms"] < row["medium"]["ms"] / 5  # ultrafast's time is not a test's on a busy machine
     assert "DIS ultrafast" in table(result)
 
 
