@@ -61,11 +61,10 @@ class LightTracker {
   [[nodiscard]] bool is_wrong() const { return is_wrong_ || map_.is_wrong(); }
   [[nodiscard]] const LightMap& map() const { return map_; }
   // Values for `more_q12` below. Above 2.5 % a large object raises 1 sample in 17 on the real recordings tried, presses
-  // on the twin 1 in 100. 3 % where the picture's change itself is the feature: on a real wedge the hardest squeezes
-  // raise 1 sample in 6 above 2.5 %, 1 in 13 above 3 %. 8 % with targets: a load may bring their tray
-  // (image/targets.h) closer to all lamps.
+  // on the twin 1 in 100. Just after the hardest squeezes of a real wedge it is 1 in 6, for six frames: the gel glows
+  // on when the load cell reads next to nothing, and the force of half of these frames is off by 1.6 N and more. 8 %
+  // with targets: a load may bring their tray (image/targets.h) closer to all lamps.
   static constexpr int kDaylightQ12 = 102;
-  static constexpr int kDaylightOnFeaturesQ12 = 123;
   static constexpr int kDaylightOnTrayQ12 = 328;
   // Returns true if an eighth of the samples exceed `level` by more than `more_q12` in all three channels. With lamps
   // of three colours at different sides, no slope of the surface does that: it takes from one lamp what it gives to

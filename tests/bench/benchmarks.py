@@ -34,7 +34,7 @@ Array = npt.NDArray[np.float64]
 DENT_RADIUS_UM = 2500.0
 DENT_DEPTH_UM = 500.0
 FLOW_FIELDS = 8  # of each texture
-LEAST_FASTER = 3  # than OpenCV's DIS medium; measured 9 to 20 times
+LEAST_FASTER = 5  # than OpenCV's DIS medium; measured 9 to 13 times
 COLOUR_OF_SLOPE = 0.5  # relative change of blue per slope along x, of green along y
 
 

@@ -59,14 +59,10 @@ class LightStage final : public Stage {
 
   [[nodiscard]] bool is_wrong(bool is_balanced) {
     if (is_balanced ? !tracker_.is_level_reliable() || tracker_.map().is_wrong() : tracker_.is_wrong()) return true;
+    const int daylight_q12 = has_targets() ? LightTracker::kDaylightOnTrayQ12 : LightTracker::kDaylightQ12;
     const LightLevel usual = is_balanced ? tracker_.level() : LightLevel{};
-    if (tracker_.is_lit_from_outside(daylight_q12(), usual)) return true;
+    if (tracker_.is_lit_from_outside(daylight_q12, usual)) return true;
     return has_colours_ && !colours_.is_of_depth && tracker_.is_lit_from_one_side();
-  }
-
-  [[nodiscard]] int daylight_q12() const {
-    if (has_targets()) return LightTracker::kDaylightOnTrayQ12;
-    return has_features_ && !makes_slopes_ ? LightTracker::kDaylightOnFeaturesQ12 : LightTracker::kDaylightQ12;
   }
 
   bool makes_slopes_;

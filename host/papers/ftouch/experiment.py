@@ -64,9 +64,10 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     fit = fit_wrench_map(log, bend=second_order_of(board))
     data = _calibration(board, fit, folder.with_name(f"{folder.name}-balls"), quick=options.quick)
     k = calibrate(*_papers_log(fitted))
-    options.progress(0.8)
     judged = [r for r in runs if r.part != "fit"]
-    played = each_played(lambda r: play(board, data, r, k), judged, options.n_workers)
+    played = each_played(
+        lambda r: play(board, data, r, k), judged, options.n_workers, lambda p: options.progress(0.8 + 0.2 * p)
+    )
     sets = {name: [p for p in played if p.recorded.set_name == name] for name in _names(played)}
     result: dict[str, Any] = {
         "board": board.name, "paper": settings.paper, "simulated": True, "quick": options.quick, "fit": fit.report(),
