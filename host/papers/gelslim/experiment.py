@@ -33,6 +33,7 @@ Array = npt.NDArray[np.float64]
 
 METHODS = ("ours", "raw", "ridge")
 RESTS = ("tangential", "normal", "resultant", "shear_over_normal")
+CORED = ("rigid_soft", "rigid_soft_held")  # the rigid-soft ball of Fig. 1, that slides and that sticks
 RING_MM = 0.5  # of the profile of shear over radius
 LEAST_NODES = 4  # in a ring that counts
 
@@ -45,7 +46,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     runs = recorded_runs(board, folder, quick=options.quick)
     raw, ridge, weight = paper_methods(board, runs)
     options.progress(0.7)
-    rows, soft = [], None
+    rows, cored = [], {}
     with _pipeline(board) as ours:
         for run in (r for r in runs if r.part != "fit"):
             displacement, force = last_frame(run)
@@ -56,14 +57,14 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
             }
             scores = {name: dict(zip(RESTS, errors(f, force), strict=True)) for name, f in found.items()}
             rows.append({"state": _name(run), "part": run.part, **scores})
-            if run.set_name == "rigid_soft":
-                soft = _rigid_soft(board, run, {"truth": force, **found})
+            if run.set_name in CORED:
+                cored[run.set_name] = _rigid_soft(board, run, {"truth": force, **found})
     options.progress(0.95)
     result: dict[str, Any] = {
         "simulated": True, "board": board.name, "quick": options.quick, "ridge_weight": weight, "states": rows,
-        "rigid_soft": soft,
+        "cored": cored,
     }  # fmt: skip
-    return Experiment(result, _text(result), _draw(out, soft), figures(result))
+    return Experiment(result, _text(result), _draw(out, cored), figures(result))
 
 
 def _pipeline(board: Board) -> Pipeline:
@@ -119,10 +120,11 @@ def figures(result: dict[str, Any]) -> dict[str, Figure]:
         if row["part"] == "show":
             for what in RESTS[:2]:
                 out[f"{row['state']}, {what} field"] = Figure(row["ours"][what], row["ridge"][what])
-    if result["rigid_soft"] is not None:
-        soft = result["rigid_soft"]
-        out["rigid_soft, shear over radius"] = Figure(soft["error"]["ours"], soft["error"]["ridge"])
-        out["rigid_soft, inner over outer shear"] = Figure(*(soft["inner_over_outer"][m] for m in ("ours", "ridge")))
+    for name, ball in result["cored"].items():
+        out[f"{name}, shear over radius"] = Figure(ball["error"]["ours"], ball["error"]["ridge"])
+    if "rigid_soft" in result["cored"]:
+        middle = result["cored"]["rigid_soft"]["inner_over_outer"]
+        out["rigid_soft, inner over outer shear"] = Figure(middle["ours"], middle["ridge"])
     return out
 
 
@@ -138,20 +140,22 @@ def _text(result: dict[str, Any]) -> str:
         f"{result['ridge_weight']:g}",
         *aligned(head, cells, "  "),
     ]
-    if result["rigid_soft"] is not None:
-        each = ", ".join(f"{name} {value:.2f}" for name, value in result["rigid_soft"]["inner_over_outer"].items())
-        lines.append(f"  rigid-soft ball (Fig. 1), shear of the contact's inner over its outer half: {each}")
+    for name, ball in result["cored"].items():
+        each = ", ".join(f"{method} {value:.2f}" for method, value in ball["inner_over_outer"].items())
+        lines.append(f"  {name} (Fig. 1), shear of the contact's inner over its outer half: {each}")
     return "\n".join(lines)
 
 
-def _draw(out: Path, soft: dict[str, Any] | None) -> list[Path]:
+def _draw(out: Path, cored: dict[str, Any]) -> list[Path]:
     out.mkdir(parents=True, exist_ok=True)
-    if soft is None:
+    if not cored:
         return []
-    figure, axes = plots().subplots(figsize=(6, 4))
-    for name, colour in (("truth", TRUTH), ("ours", OURS), ("ridge", METHOD)):
-        axes.plot(soft["radius_mm"], 1e3 * np.array(soft["shear_n"][name]), "o-", color=colour, label=name)
-    axes.set_xlabel("from the middle of the contact, mm")
-    axes.set_ylabel("tangential force of a node, mN")
-    axes.legend()
+    figure, axes = plots().subplots(1, len(cored), figsize=(5 * len(cored), 4), squeeze=False)
+    for axis, (set_name, ball) in zip(axes[0], cored.items(), strict=True):
+        for name, colour in (("truth", TRUTH), ("ours", OURS), ("ridge", METHOD)):
+            axis.plot(ball["radius_mm"], 1e3 * np.array(ball["shear_n"][name]), "o-", color=colour, label=name)
+        axis.set_title(set_name)
+        axis.set_xlabel("from the middle of the contact, mm")
+    axes[0, 0].set_ylabel("tangential force of a node, mN")
+    axes[0, 0].legend()
     return [save(figure, out / "rigid_soft.png", "Rigid-soft ball, sheared (Fig. 1)")]

@@ -99,10 +99,10 @@ def of_pad() -> dict[str, Figure]:
         one = {"tangential": tangential, "normal": 0.1, "resultant": 0.01, "shear_over_normal": 0.07}
         return {"state": state, "part": part, "ours": one, "ridge": {name: 2 * value for name, value in one.items()}}
 
-    shown = ("screw_m8", "screw_m6", "usb_plug", "shell", "steel_ball", "rigid_soft")
+    shown = ("screw_m8", "screw_m6", "usb_plug", "shell", "steel_ball", "rigid_soft", "rigid_soft_held")
     states = [row("S1", "judge", 0.2), row("S2", "judge", 0.4), *(row(name, "show", 0.5) for name in shown)]
     soft = {"error": {"ours": 0.1, "ridge": 0.9}, "inner_over_outer": {"ours": 0.85, "ridge": 0.7}}
-    return pad({"states": states, "rigid_soft": soft})
+    return pad({"states": states, "cored": {"rigid_soft": soft, "rigid_soft_held": soft}})
 
 
 FIGURES = {

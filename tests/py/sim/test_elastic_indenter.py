@@ -125,3 +125,27 @@ def test_rigid_indenters_have_no_body():
         body_of(Indenter("sphere", 3 * MM))
     with pytest.raises(InputError, match="two indenters"):
         Indenter("two", 1 * MM, Material(1e6), Indenter.two(*[Indenter("sphere", MM)] * 2, MM).form)
+
+
+def inner_over_outer(model, force):
+    """Mean tangential force of the nodes within half of the contact's radius over that of the others."""
+    x, y = (a.ravel() for a in np.meshgrid(model.node_x(), model.node_y()))
+    pressure = np.maximum(-force[:, 2], 0)
+    away = np.hypot(x - (pressure @ x) / pressure.sum(), y - (pressure @ y) / pressure.sum())
+    touched = pressure > 0.02 * pressure.max()
+    inner = touched & (away < 0.5 * away[touched].max())
+    shear = np.hypot(force[:, 0], force[:, 1])
+    return shear[inner].mean() / shear[touched & ~inner].mean()
+
+
+def test_a_ball_that_sticks_is_sheared_at_the_rim_and_one_that_slides_in_the_middle(pad):
+    ball = Indenter("sphere", 6 * MM, Material.of_shore_a(10, core_part=0.3, skin_part=0.05))
+    soft = Indenter("sphere", 6 * MM, Material.of_shore_a(10))
+    down = Pose(0, 0, 0.9 * MM)
+    held, slid, soft_held = (
+        inner_over_outer(pad, kept(solved, pad, indenter, (down, Pose(way, 0, 0.9 * MM)), 0.5)[1])
+        for indenter, way in ((ball, 0.2 * MM), (ball, 1.8 * MM), (soft, 0.2 * MM))
+    )
+    # After Mindlin a contact that sticks bears its shear at the rim; one that slides bears it as its pressure.
+    assert held < 1 < slid
+    assert soft_held < held  # a core draws shear to itself
