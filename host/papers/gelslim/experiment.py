@@ -16,6 +16,7 @@ import numpy.typing as npt
 from papers.drawing import METHOD, OURS, TRUTH, plots, save
 from papers.experiments import Experiment, Figure, Options
 from papers.gelslim.bench import errors, last_frame, paper_methods
+from papers.gelslim.shear_bound import compliance_at_nodes, told_error
 from papers.judged import default_folder
 from papers.recorded import Recorded, recorded_runs, shape_of
 from ruffini.boards import Board
@@ -27,12 +28,14 @@ from ruffini.fem.operators import Noise
 from ruffini.sim.reproduce.make import digest
 from ruffini.sim.reproduce.make import reproduce as record
 from ruffini.sim.reproduce.settings import PressSet, load_reproduce
+from ruffini.sim.unit import TwinUnit
 from ruffini.tables import aligned
 
 Array = npt.NDArray[np.float64]
 
 METHODS = ("ours", "raw", "ridge")
 RESTS = ("tangential", "normal", "resultant", "shear_over_normal")
+STRAIGHT = 0.1  # shear over force of a press whose shear is near the noise
 CORED = ("rigid_soft", "rigid_soft_held")  # the rigid-soft ball of Fig. 1, that slides and that sticks
 RING_MM = 0.5  # of the profile of shear over radius
 LEAST_NODES = 4  # in a ring that counts
@@ -62,7 +65,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     options.progress(0.95)
     result: dict[str, Any] = {
         "simulated": True, "board": board.name, "quick": options.quick, "ridge_weight": weight, "states": rows,
-        "cored": cored,
+        "cored": cored, "told": _told(board, runs),
     }  # fmt: skip
     return Experiment(result, _text(result), _draw(out, cored), figures(result))
 
@@ -81,6 +84,17 @@ def _as_the_board(core: Pipeline, board: Board, displacement: Array) -> Array:
 
 def _name(run: Recorded) -> str:
     return shape_of(run) if run.set_name == "objects" else run.set_name
+
+
+def _told(board: Board, runs: list[Recorded]) -> dict[str, float]:
+    """`shear_bound` of the shown objects that are pressed straight."""
+    shown = {_name(run): last_frame(run) for run in runs if run.part == "show"}
+    straight = {n: s for n, s in shown.items() if np.linalg.norm(s[1][..., :2]) < STRAIGHT * np.linalg.norm(s[1])}
+    if not straight:
+        return {}
+    compliance = compliance_at_nodes(TwinUnit.build(board))
+    noise_m = 1e-6 * np.array(load_reproduce(board).rig.displacement_noise_um, dtype=float)
+    return {name: told_error(board, compliance, noise_m, *state) for name, state in straight.items()}
 
 
 def _rigid_soft(board: Board, run: Recorded, found: dict[str, Array]) -> dict[str, Any]:
@@ -140,6 +154,10 @@ def _text(result: dict[str, Any]) -> str:
         f"{result['ridge_weight']:g}",
         *aligned(head, cells, "  "),
     ]
+    for name, told in result["told"].items():
+        lines.append(
+            f"  {name}: an estimator that is told all but the shear errs by {told:.2f} in the tangential field"
+        )
     for name, ball in result["cored"].items():
         each = ", ".join(f"{method} {value:.2f}" for method, value in ball["inner_over_outer"].items())
         lines.append(f"  {name} (Fig. 1), shear of the contact's inner over its outer half: {each}")
