@@ -102,9 +102,12 @@ def support_system(
     rows, columns = np.divmod(np.flatnonzero(observed[::3]), slab.n_x)
     place = np.stack([columns * slab.step_m[0], rows * slab.step_m[1]], axis=-1)
     shape = (len(np.unique(rows)), len(np.unique(columns)))
-    deviation = np.sqrt(np.square(linear) @ (1.0 / information)) / scale
+    deviation = np.sqrt(np.einsum("ij,ij,j->i", linear, linear, 1.0 / information)) / scale
     shear_noise = float(np.median(deviation.reshape(-1, 3)[:, :2]))
-    return SupportSystem(normal * np.outer(scale, scale), project * scale[:, None], scale, place, shape, shear_noise)
+    normal *= scale  # in place: of these arrays, new memory takes longer than the products
+    normal *= scale[:, None]
+    project *= scale[:, None]
+    return SupportSystem(normal, project, scale, place, shape, shear_noise)
 
 
 def _normal_equations(compliance: Array, information: Array, modes: Array) -> tuple[Array, Array]:
