@@ -39,7 +39,7 @@ from ruffini.wire.covariance import full_covariance
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 FEW_NODES = board_with_all_stages(2)
-TEXT = FEW_NODES.replace("n_x = 9\nn_y = 7", "n_x = 41\nn_y = 31")
+TEXT = FEW_NODES.replace("n_x = 9\nn_y = 7", "n_x = 29\nn_y = 22")
 STIFFNESS = "support.stiffness_sigma_1e6"
 NEEDED = ("reported", "quiet", "local", "wrench")
 NAMES = (*NEEDED, "crosstalk")

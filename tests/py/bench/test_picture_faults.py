@@ -17,6 +17,7 @@ from ruffini.calibrate import container
 from ruffini.core import Pipeline
 from ruffini.estimators.operator.fit import make_operator
 from ruffini.sim.contact import Indenter, Pose
+from ruffini.sim.settings import MeshSettings, TwinSettings, load_twin
 from ruffini.sim.unit import TwinUnit
 
 Picture = npt.NDArray[np.uint8]
@@ -24,6 +25,7 @@ Picture = npt.NDArray[np.uint8]
 LIGHT, FEATURES, REPEATED, PICTURE = 1024, 2048, 32768, 65536  # of FlagBit
 MM = 1e-3
 N_GOOD, N_BAD = 12, 3
+MESH = MeshSettings(cells_x=14, cells_y=11)
 # Tables of the error model that let the core state its errors; their values matter to no flag.
 ERRORS = {
     "support.error_reported": np.full((2, 12), 256, np.int32), "support.error_quiet": np.full((2, 7), 256, np.int32),
@@ -40,15 +42,20 @@ def board() -> Board:
 @pytest.fixture(scope="module")
 def calibration(board: Board) -> bytes:
     kind = kept(make_operator, board, method="support", noise=NOISE, n_touches=0)
-    tables = {**kind.tensors, **kept(colours_of, board), **ERRORS}
+    tables = {**kind.tensors, **kept(colours_of, board, twin=coarse_twin(board)), **ERRORS}
     return container.pack(tables, {**container.base_metadata(board), **kind.metadata}).data
+
+
+def coarse_twin(board: Board) -> TwinSettings:
+    """The board's own with fewer elements."""
+    return load_twin(board).model_copy(update={"mesh": MESH})
 
 
 class Scene:
     """Frames of the untouched pad and of a ball pressed into it, each with its own noise."""
 
     def __init__(self, board: Board) -> None:
-        unit = TwinUnit.build(board)
+        unit = TwinUnit.build(board, twin=coarse_twin(board))
         self._renderer, self._rng = unit.renderer(), np.random.default_rng(20_261_133)
         ball = unit.solver(Indenter("sphere", 4 * MM))
         ball.advance(Pose(2 * MM, -1 * MM, 0.5 * MM))
