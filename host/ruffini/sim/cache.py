@@ -26,11 +26,11 @@ from ruffini.sim.pad import PadModel, surface_compliance
 
 Array = npt.NDArray[np.float64]
 
-KEPT_FILES = 4  # of about 260 MB each at the default mesh
+KEPT_BYTES = 1_100_000_000  # four compliances at the default mesh, and coarser ones put none of them out
 # What a contact at finite strain depends on, beside the indenters.
 MECHANICS = ("complementarity", "contact", "finite", "hex27", "pad", "pose", "response", "slices", "surface")
 SHA_BYTES = 32
-KEPT_STATES = 2000  # of about 50 kB each
+KEPT_STATES_BYTES = 100_000_000  # of about 50 kB each
 
 
 def cache_folder() -> Path:
@@ -78,7 +78,7 @@ def cached_state(key: str, make: Callable[[], dict[str, Array]]) -> dict[str, Ar
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError):
         pass  # not there, or not whole
     arrays = make()
-    _write(path, lambda file: np.savez(file, **arrays), KEPT_STATES)  # type: ignore[arg-type]
+    _write(path, lambda file: np.savez(file, **arrays), KEPT_STATES_BYTES)  # type: ignore[arg-type]
     return arrays
 
 
@@ -95,10 +95,10 @@ def _check(path: Path) -> None:
 
 
 def _keep(path: Path, compliance: Array) -> None:
-    _write(path, lambda file: np.save(file, compliance), KEPT_FILES)
+    _write(path, lambda file: np.save(file, compliance), KEPT_BYTES)
 
 
-def _write(path: Path, save: Callable[[IO[bytes]], None], n_kept: int) -> None:
+def _write(path: Path, save: Callable[[IO[bytes]], None], kept_bytes: int) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
@@ -114,8 +114,11 @@ def _write(path: Path, save: Callable[[IO[bytes]], None], n_kept: int) -> None:
         except OSError:
             os.unlink(temporary)
             raise
-        by_age = sorted(path.parent.glob(f"*{path.suffix}"), key=lambda p: p.stat().st_mtime, reverse=True)
-        for old in by_age[n_kept:]:
-            old.unlink(missing_ok=True)
+        files = [(p.stat(), p) for p in path.parent.glob(f"*{path.suffix}")]
+        total = 0
+        for state, old in sorted(files, key=lambda one: one[0].st_mtime, reverse=True):
+            total += state.st_size
+            if total > kept_bytes:
+                old.unlink(missing_ok=True)
     except OSError:
         return  # a cache that cannot be written is no error

@@ -164,9 +164,10 @@ def test_cache_is_only_faster(tmp_path, monkeypatch):
         data[at] ^= 0x10
         file.write_bytes(data)
         np.testing.assert_array_equal(cache.cached_compliance(model), computed)
-    for thickness in range(cache.KEPT_FILES + 2):
+    monkeypatch.setattr(cache, "KEPT_BYTES", 4 * file.stat().st_size)
+    for thickness in range(6):
         cache.cached_compliance(PadModel(6 * MM, 4 * MM, (4 + thickness) * MM, 2e5, 0.4, 3, 2, (0.4, 0.6)))
-    assert len(list(cache.cache_folder().iterdir())) == cache.KEPT_FILES
+    assert len(list(cache.cache_folder().iterdir())) == 4
     blocked = tmp_path / "file"
     blocked.write_text("no folder")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
