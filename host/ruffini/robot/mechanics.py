@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg.lapack import dposv, dpotrf, dpotrs
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
@@ -28,7 +29,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 NODES_PER_THICKNESS = 4  # a pressure that varies faster hardly moves the pad
-KEPT_SETS = 512  # inverses of active sets that come again
+KEPT_SETS = 512  # active sets that come again
 MAX_ROUNDS = 30  # of the active set; if it cycles, a solver that always ends takes over
 SLIDER_ROUNDS = 6  # of what sticks taking over from what slips; the rest follows in the next steps
 OPEN_M = 1e-9  # gap that is rounding
@@ -102,6 +103,53 @@ class PadSolid:
         return self.unit.model.size_x_m / 2, self.unit.model.size_y_m / 2
 
 
+class _Set:
+    """Nodes of a pad by themselves: compliances x to x, y to y, z to z, and their Cholesky factors, once needed."""
+
+    def __init__(self, mean: Array, nodes: Indices) -> None:
+        self._mean, self._nodes = mean, nodes
+        self._own: dict[int, Array] = {}
+        self._factors: dict[int, Array] = {}
+
+    def own(self, axis: int) -> Array:
+        """Compliance along an axis, (m, m)."""
+        if axis not in self._own:
+            self._own[axis] = _among(self._mean[axis], self._nodes)
+        return self._own[axis]
+
+    def solve(self, axis: int, moved: Array) -> Array:
+        """Forces (m,) along an axis that move the nodes so far."""
+        if not moved.size:
+            return np.zeros(0)
+        if axis not in self._factors:
+            self._factors[axis] = dpotrf(self.own(axis).T)[0]
+        return np.asarray(dpotrs(self._factors[axis], moved)[0])
+
+    def sheared(self, t: Array) -> Array:
+        """Displacement along x and y of shear (m, 2)."""
+        out = np.empty_like(t)
+        for c in range(2):
+            out[:, c] = self.own(c) @ t[:, c]
+        return out
+
+    def shear(self, moved: Array) -> Array:
+        """Shear (m, 2) that moves the nodes so far along x and y."""
+        out = np.empty_like(moved)
+        for c in range(2):
+            out[:, c] = self.solve(c, moved[:, c])
+        return out
+
+    @cached_property
+    def step(self) -> float:
+        """Of a gradient's descent in shear that does not overshoot."""
+        return 1 / max(float(self.own(c).sum(axis=1).max()) for c in range(2))
+
+
+def _among(matrix: Array, nodes: Indices) -> Array:
+    """Rows and columns of these nodes."""
+    return matrix.take(nodes[:, None] * len(matrix) + nodes)
+
+
 @dataclass
 class PadContact:
     """What presses on a pad, step after step.
@@ -117,7 +165,7 @@ class PadContact:
     slips: npt.NDArray[np.bool_] = field(init=False)
     _was_touched: npt.NDArray[np.bool_] = field(init=False)
     _stretch: Array = field(init=False)  # (n, 2) m that each node's slider has stretched the pad
-    _kept: OrderedDict[bytes, Array] = field(init=False, default_factory=OrderedDict)
+    _kept: OrderedDict[bytes, _Set] = field(init=False, default_factory=OrderedDict)
 
     def __post_init__(self) -> None:
         self._mean = self.solid.mean
@@ -145,11 +193,10 @@ class PadContact:
         else:
             self.release()
 
-    def _inverse(self, nodes: Indices) -> Array:
-        """Stiffness of x, y and z among these nodes alone, (3, m, m)."""
+    def _set(self, nodes: Indices) -> _Set:
         key = nodes.tobytes()
         if key not in self._kept:
-            self._kept[key] = np.asarray(np.linalg.inv(self._mean[:, nodes[:, None], nodes]), np.float64)
+            self._kept[key] = _Set(self._mean, nodes)
             if len(self._kept) > KEPT_SETS:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
@@ -165,7 +212,7 @@ class PadContact:
         pressure = np.zeros(0)
         for _ in range(MAX_ROUNDS):
             nodes = touched[active]
-            pressure = self._inverse(nodes)[2] @ depth[active]
+            pressure = self._set(nodes).solve(2, depth[active])
             if nodes.size and pressure.min() < 0:
                 active[np.flatnonzero(active)[pressure < 0]] = False
                 continue
@@ -185,7 +232,7 @@ class PadContact:
 
     def _shear(self, nodes: Indices, motion: Array, friction: Array, lead: Array) -> None:
         """Friction: sliders at the nodes that press."""
-        was = np.asarray(self.force[:, :2].any(axis=1))
+        was = (self.force[:, 0] != 0) | (self.force[:, 1] != 0)
         carried = np.flatnonzero(was)
         begun = nodes[~was[nodes]]  # touched where the pad has been drawn to by its neighbours
         if begun.size and carried.size:
@@ -194,13 +241,12 @@ class PadContact:
         stretch = self._stretch[nodes] + motion[nodes]
         asked = stretch + lead[nodes]
         limit = friction[nodes] * -self.force[nodes, 2]
-        t = np.stack([inverse @ asked[:, c] for c, inverse in enumerate(self._inverse(nodes)[:2])], axis=1)
+        own = self._set(nodes)
+        t = own.shear(asked)
         slips = np.hypot(t[:, 0], t[:, 1]) > limit
         if slips.any():
-            own = self._mean[:2, nodes[:, None], nodes]
             t, slips = _sliding(own, asked, limit, self.force[nodes, :2], slips & self.slips[nodes])
-            given = np.stack([own[c] @ t[:, c] for c in range(2)], axis=1)
-            stretch[slips] = (given - lead[nodes])[slips]
+            stretch[slips] = (own.sheared(t) - lead[nodes])[slips]
         self.force[:, :2], self._stretch[:], self.slips[:] = 0.0, 0.0, False
         self.force[nodes, :2], self._stretch[nodes], self.slips[nodes] = t, stretch, slips
 
@@ -228,31 +274,28 @@ def wrench_about(place: Array, force: Array) -> Array:
 
 
 def _sliding(
-    compliance: Array, asked: Array, limit: Array, last: Array, slips: npt.NDArray[np.bool_]
+    own: _Set, asked: Array, limit: Array, last: Array, slips: npt.NDArray[np.bool_]
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Shear (n, 2) that gives what sticks the `asked` displacement, and is `limit` at what slips; and what slips.
 
     An active set, from `slips` on: what slips pulls the way that it lacks, and sticks again where that turns round.
     """
 
-    def given(t: Array) -> Array:
-        return np.stack([compliance[c] @ t[:, c] for c in range(2)], axis=1)
-
     def at_limit(t: Array) -> Array:
         return t * (limit / np.maximum(np.hypot(t[:, 0], t[:, 1]), 1e-300))[:, None]
 
-    step = 1 / compliance.sum(axis=2).max()
     t = last
     for _ in range(SLIDER_ROUNDS):
-        pull = t + step * (asked - given(t))
+        pull = t + own.step * (asked - own.sheared(t))
         t = np.where(slips[:, None], at_limit(pull), 0.0)
         sticks = np.flatnonzero(~slips)
+        lack = asked - own.sheared(t)
         if sticks.size:
-            lack = (asked - given(t))[sticks]
-            among = compliance[:, sticks[:, None], sticks]
-            t[sticks] = np.linalg.solve(among, lack.T[..., None])[..., 0].T
+            for c in range(2):
+                t[sticks, c] = dposv(_among(own.own(c), sticks).T, lack[sticks, c], overwrite_a=1)[1]
+            lack = asked - own.sheared(t)
         over = ~slips & (np.hypot(t[:, 0], t[:, 1]) > limit)
-        back = slips & (((asked - given(t)) * t).sum(axis=1) < 0)
+        back = slips & ((lack * t).sum(axis=1) < 0)
         if not (over | back).any():
             break
         slips = (slips | over) & ~back

@@ -27,15 +27,15 @@ def test_both_pads_carry_the_weight_and_a_weak_grip_drops_it(calibrations, tmp_p
     thing = Thing(mass_kg=0.15, friction=0.6)
     with Gripper(BOARD, thing, calibrations=calibrations) as gripper:
         gripper.grip_n = 2.0
-        for i in range(70):
-            gripper.lift_m = 0.02 * np.clip((i - 15) / 30, 0, 1)
+        for i in range(50):
+            gripper.lift_m = 0.02 * np.clip((i - 15) / 20, 0, 1)
             frames = gripper.step()
         up = sum(float(np.hypot(*frame.wrench.force[:2])) for frame in frames.values())
         assert up == pytest.approx(0.15 * 9.81, rel=0.05)
         assert all(-frame.wrench.force[2] == pytest.approx(2.0, rel=0.05) for frame in frames.values())
         assert abs(gripper.slipped_m) < 2e-3
         gripper.grip_n = 0.8 * 0.15 * 9.81 / (2 * 0.6)
-        for _ in range(40):
+        for _ in range(25):
             frames = gripper.step()
         assert gripper.slipped_m > 5e-3
         film = Film()
@@ -100,6 +100,8 @@ def test_the_example_lifts_what_it_is_not_told(calibrations, monkeypatch):
     import adaptive_grip
 
     monkeypatch.setattr("ruffini.robot.world.default_calibration", lambda board: calibrations[board.name])
+    for name, frames in {"CLOSE": 25, "LIFT": 35, "HOLD": 10, "PUSH": 12, "AFTER": 8}.items():
+        monkeypatch.setattr(adaptive_grip, name, frames)
     task = adaptive_grip.Task(Thing(mass_kg=0.2, friction=0.5), (0.0, 0.0, -0.5), 6.0)
     result = adaptive_grip.run("friction", task, BOARD)
     assert result.is_success

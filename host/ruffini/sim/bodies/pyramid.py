@@ -32,10 +32,16 @@ NEWTON_ROUNDS = 60
 
 def slice_stretch(pressure: Array) -> Array:
     """Stretch s of a slice under nominal pressure over mu: 1 / s^2 - s = pressure."""
-    s = np.where(pressure < 1, 1 - pressure / 3, 1 / np.sqrt(1 + pressure))
+    out = np.where(pressure < 1, 1 - pressure / 3, 1 / np.sqrt(1 + pressure))
+    left, p, s = np.arange(out.size), pressure.ravel(), out.ravel()
     for _ in range(NEWTON_ROUNDS):
-        s = np.maximum(s - (pressure - 1 / s**2 + s) / (2 / s**3 + 1), 0.1 * s)
-    return np.asarray(s)
+        after = np.maximum(s - (p - 1 / s**2 + s) / (2 / s**3 + 1), 0.1 * s)
+        moves = after != s
+        left, p, s = left[moves], p[moves], after[moves]
+        if not left.size:
+            break
+        out.flat[left] = s
+    return np.asarray(out)
 
 
 def bar_shortening(force: Array, area: Array, z: Array, shear_pa: float) -> Array:
