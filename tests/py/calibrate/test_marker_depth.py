@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from kept import kept
+from test_gauge import smaller_gelslim
 
 from ruffini.bench.states import FRESH, State, make_states
 from ruffini.boards import Board, find_board, parse_board
@@ -19,8 +20,13 @@ STAGES = '["difference", "markers", "displacement", "operator", "support", "wren
 
 
 @pytest.fixture(scope="module")
-def board() -> Board:
-    text = find_board("gelslim").text
+def lit(tmp_path_factory: pytest.TempPathFactory) -> Board:
+    return smaller_gelslim(tmp_path_factory.mktemp("boards"))
+
+
+@pytest.fixture(scope="module")
+def board(lit: Board) -> Board:
+    text = lit.text
     text = text[: text.index("stages = ")] + f"stages = {STAGES}\n"
     return parse_board(text.replace("[depth]\n", '[depth]\nsource = "markers"\n'), "test")
 
@@ -37,8 +43,8 @@ def depth(kind: OperatorKind) -> MarkerDepth:
 
 
 @pytest.fixture(scope="module")
-def states(board: Board) -> list[State]:
-    return kept(make_states, find_board("gelslim"), FRESH, (0.4, 0.8))
+def states(lit: Board) -> list[State]:
+    return kept(make_states, lit, FRESH, (0.4, 0.8))
 
 
 def test_it_is_off_by_what_it_says(board: Board, depth: MarkerDepth, states: list[State]) -> None:

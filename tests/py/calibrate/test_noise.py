@@ -11,7 +11,7 @@ from kept import kept
 from scipy.ndimage import gaussian_filter
 from test_material import TOUCH_NOISE_M, TRUE, board, touches  # noqa: F401
 
-from ruffini.boards import Board, find_board
+from ruffini.boards import Board, find_board, parse_board
 from ruffini.estimators.noise import stage
 from ruffini.estimators.noise.stage import BLOCK, MIN_BLOCKS, MIN_REST, Power, long_share, planes, power_of
 from ruffini.estimators.operator import error_model
@@ -23,6 +23,7 @@ from ruffini.fem.uncertainty import NodeError, WrenchError
 SIGMA_M = np.array([5e-6, 6e-6, 2e-5])
 BOARD = find_board("gelslim")
 SHAPE = (BOARD.grid.n_y, BOARD.grid.n_x, 3)
+COARSE = parse_board(BOARD.text.replace("n_x = 31\nn_y = 25\nn_layers = 6", "n_x = 16\nn_y = 13\nn_layers = 4"), "test")
 
 
 def measured(noise: Noise, n_frames: int = 60) -> Power:
@@ -107,7 +108,7 @@ def test_growth_keeps_the_larger_crosstalk() -> None:
 def test_long_noise_makes_wrenches_less_sure_and_so_does_a_pad_that_was_not_measured() -> None:
     def wrench(share: float, *, is_fitted: bool = True) -> np.ndarray:
         noise = Noise(tuple(SIGMA_M), long_share=(share, share, share))
-        kind = kept(make_operator, BOARD, method="support", noise=noise, n_touches=60, is_fitted=is_fitted)
+        kind = kept(make_operator, COARSE, method="support", noise=noise, n_touches=60, is_fitted=is_fitted)
         return kind.tensors["support.error_wrench"]
 
     white, of_long, unmeasured = wrench(0.0), wrench(1.0), wrench(0.0, is_fitted=False)

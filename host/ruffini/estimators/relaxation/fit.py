@@ -14,7 +14,7 @@ well are kept.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,7 @@ AS_GOOD = 1.05  # residual (L2) of fewer terms over that of the best choice
 ROUNDS = 3  # the dents that are left between touches depend on what is fitted
 SHORTEST_S = 2.0
 PART_Q20 = 2**20
+MOST_BYTES = 1 << 27  # of the states that are stepped at once
 
 
 @dataclass(frozen=True)
@@ -125,9 +126,12 @@ def fit_relaxation(log: RelaxationLog) -> RelaxationFit:
     target = (log.reference * weight).ravel()
     choices = []
     for n in range(1, MAX_TERMS + 1):
-        for chosen in itertools.combinations(times, n):
-            values, residual = _fit(log, touched, chosen, weight, target)
-            choices.append((n, residual, chosen, values))
+        ways = list(itertools.combinations(times, n))
+        at_once = max(1, MOST_BYTES // (n * log.elastic.nbytes))
+        for i in range(0, len(ways), at_once):
+            some = ways[i : i + at_once]
+            fits = _fit(log, touched, np.array(some), weight, target)
+            choices += [(n, residual, chosen, values) for chosen, (values, residual) in zip(some, fits, strict=True)]
     best = min(residual for _, residual, _, _ in choices)
     n_least = min(n for n, residual, _, _ in choices if residual <= AS_GOOD * best)
     _, _, chosen, values = min((c for c in choices if c[0] == n_least), key=lambda c: c[1])
@@ -138,8 +142,7 @@ def fit_relaxation(log: RelaxationLog) -> RelaxationFit:
             "the log shows no relaxation that rubber could have: hold touches for seconds, and check that reference "
             "and frames start at the same instant"
         )
-    parts_kept = [g for g, _ in terms]
-    lost = _lost(log, touched, [tau for _, tau in terms], parts_kept) @ np.array(parts_kept)
+    lost = _lost_of(log, touched, terms)
     after = values[0] * (log.elastic - lost)
     return RelaxationFit(float(values[0]), terms, _rmse(log.elastic, log.reference), _rmse(after, log.reference))
 
@@ -147,8 +150,7 @@ def fit_relaxation(log: RelaxationLog) -> RelaxationFit:
 def lost_of(log: RelaxationLog, fit: RelaxationFit) -> Array:
     """What of the elastic wrench has gone in each frame, sum g_k h_k, (t, 6)."""
     touched = np.linalg.norm(log.elastic[:, :3], axis=1) > TOUCHED_N
-    parts, times = ([term[i] for term in fit.terms] for i in (0, 1))
-    return np.asarray(_lost(log, touched, times, parts) @ np.array(parts))
+    return _lost_of(log, touched, fit.terms)
 
 
 def _rmse(wrench: Array, reference: Array) -> float:
@@ -156,29 +158,41 @@ def _rmse(wrench: Array, reference: Array) -> float:
 
 
 def _fit(
-    log: RelaxationLog, touched: npt.NDArray[np.bool_], times: tuple[float, ...], weight: Array, target: Array
-) -> tuple[Array, float]:
-    """(a, a g_k) and the residual's L2 norm."""
-    parts = [0.0] * len(times)
+    log: RelaxationLog, touched: npt.NDArray[np.bool_], times: Array, weight: Array, target: Array
+) -> list[tuple[Array, float]]:
+    """(a, a g_k) and the residual's L2 norm of each choice of times (choices, k)."""
+    parts = np.zeros_like(times)
     for _ in range(ROUNDS):
-        lost = _lost(log, touched, list(times), parts)
-        columns = np.concatenate([log.elastic[..., None], -lost], axis=2) * weight[:, None]
-        values, residual = nnls(columns.reshape(-1, 1 + len(times)), target)
-        parts = (values[1:] / values[0]).tolist() if values[0] > 0 else parts
-    return values, float(residual)
+        lost, fits = _lost(log, touched, times, parts), []
+        for i in range(len(times)):
+            columns = np.concatenate([log.elastic[..., None], -lost[:, i]], axis=2) * weight[:, None]
+            values, residual = nnls(columns.reshape(len(target), -1), target)
+            parts[i] = values[1:] / values[0] if values[0] > 0 else parts[i]
+            fits.append((values, float(residual)))
+    return fits
 
 
-def _lost(log: RelaxationLog, touched: npt.NDArray[np.bool_], times: list[float], parts: list[float]) -> Array:
-    """h_k of every frame, (t, 6, k); between touches the elastic force is that of the dent that is left."""
-    state = np.zeros((6, len(times)))
-    before = np.zeros(6)
-    out = np.empty((*log.elastic.shape, len(times)))
-    step = np.diff(log.time_s, prepend=log.time_s[0])
-    for i, elastic in enumerate(log.elastic):
-        now = elastic if touched[i] else state @ np.array(parts)
-        state = state - np.expm1(-step[i] / np.array(times)) * ((now + before)[:, None] / 2 - state)
+def _lost_of(log: RelaxationLog, touched: npt.NDArray[np.bool_], terms: Sequence[tuple[float, float]]) -> Array:
+    """Sum of g_k h_k of every frame, (t, 6)."""
+    parts, times = np.array(terms).T
+    return np.asarray(_lost(log, touched, times[None], parts[None])[:, 0] @ parts)
+
+
+def _lost(log: RelaxationLog, touched: npt.NDArray[np.bool_], times: Array, parts: Array) -> Array:
+    """h_k of every frame for each choice of times and parts (choices, k), (t, choices, 6, k).
+
+    Between touches the elastic force is that of the dent that is left.
+    """
+    state = np.zeros((len(times), 6, times.shape[1]))
+    before, dent_of = np.zeros((len(times), 6, 1)), parts[..., None]
+    out = np.zeros((len(log.elastic), *state.shape))
+    rate = -np.expm1(-np.diff(log.time_s, prepend=log.time_s[0])[:, None, None, None] / times[:, None, :])
+    for i, elastic in enumerate(log.elastic[:, :, None]):
+        now = elastic if touched[i] else state @ dent_of
+        state = state + rate[i] * ((now + before) / 2 - state)
         before = now
-        out[i] = state if touched[i] else 0.0
+        if touched[i]:
+            out[i] = state
     return out
 
 
