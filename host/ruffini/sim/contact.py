@@ -213,21 +213,22 @@ class ContactSolver:
         columns = self._shares[:, near]
         nodes = np.unique(columns.indices)
         shares = sp.csr_matrix(columns[nodes])
+        to_hats = sp.csr_matrix(shares.T)
         dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
         rows = self.response.rows(nodes)
         local = rows[:, dofs]
-        spread = sp.kron(shares, sp.identity(3), format="csr")
-        c = np.asarray(spread.T @ (spread.T @ local).T).reshape(len(near), 3, len(near), 3)
-        target = shares.T @ (self._target - free)[nodes]
+        half = (to_hats @ local.reshape(len(nodes), -1)).reshape(3 * len(near), -1)
+        c = (to_hats @ half.T.reshape(len(nodes), -1)).reshape(len(near), 3, len(near), 3)
+        target = to_hats @ (self._target - free)[nodes]
         target[:, 2] += self._apart[near]
         if self._body:
             c += self._body.compliance(near, pose, self._place)
             target -= self._body.displacement(near, pose, self._place)
-        place, rest = self._place[nodes, :2] + free[nodes, :2], shares.T @ free[nodes]
+        place, rest = self._place[nodes, :2] + free[nodes, :2], to_hats @ free[nodes]
         moved, change = self.displacement[nodes, :2] - free[nodes, :2], np.inf
         slope = np.zeros((len(near), 2))
         if self.response.moves_the_arm:
-            slope = shares.T @ self._slope(pose, place + moved)
+            slope = to_hats @ self._slope(pose, place + moved)
         frame = self._frames(slope)
         if slope.any():
             c = np.einsum("iab,ibjd,jed->iaje", frame, c, frame, optimize=True)
@@ -244,8 +245,8 @@ class ContactSolver:
             damping = 1.0 if i < UNDAMPED_ROUNDS else 0.5  # nodes at an edge may swing about it
             moved = moved + damping * ((local @ nodal.ravel()).reshape(-1, 3)[:, :2] - moved)
             # The indenter's tangent plane there: n u <= n_z (gap - slope (u_x, u_y)) for the whole displacement u.
-            aside = shares.T @ moved + rest[:, :2]
-            gap = frame[:, 2, 2] * (shares.T @ self._gap(pose, place + moved) - (slope * aside).sum(axis=1))
+            aside = to_hats @ moved + rest[:, :2]
+            gap = frame[:, 2, 2] * (to_hats @ self._gap(pose, place + moved) - (slope * aside).sum(axis=1))
             pressure = nonnegative(normal, cross @ shear.ravel() + unloaded - gap, pressure > 0)
             wanted = stick.ravel() + cross.T @ pressure
             limit = self.friction * pressure
