@@ -13,6 +13,7 @@ from kept import kept
 from tiny_sensor import calibration_bytes, draw
 
 from ruffini.boards import Board, find_board
+from ruffini.calibrate import container
 from ruffini.daemon import started_daemon
 from ruffini.device import Connection, Wrench
 from ruffini.device.results import VALID
@@ -20,7 +21,8 @@ from ruffini.frame_server import FrameServer
 
 EVERYTHING = {"wrench": 1, "field": 1, "depth": 1, "contacts": 1, "markers": 1, "image": 1}
 RESIDENT_MIB = {320: 24, 640: 41}  # of the board's 512
-N_READ = 60
+N_READ = 24
+N_PICTURES = 12  # more than rest is learned from: no camera sends a picture twice
 
 
 class Camera(FrameServer):
@@ -29,16 +31,24 @@ class Camera(FrameServer):
     def __init__(self, board: Board, path: Path) -> None:
         super().__init__(board, path, magic=b"RFTC", rate_mhz=board.camera.rate_mhz)
         self.is_pressed = False
-        self._pictures = [draw(board, depth, seed) for seed, depth in enumerate((0.0, 0.25))]
+        noise, still = np.random.default_rng(1), [draw(board, depth, seed) for seed, depth in enumerate((0.0, 0.25))]
+        self._pictures = [
+            [(one + noise.integers(0, 2, one.shape, np.uint8)).tobytes() for _ in range(N_PICTURES)] for one in still
+        ]
 
     def _stream(self, camera: socket.socket, *, is_paced: bool) -> None:
         assert not is_paced
-        frame, noise = 0, np.random.default_rng(1)
+        frame = 0
         while not self._stop.is_set():
-            picture = self._pictures[self.is_pressed]
-            picture = picture + noise.integers(0, 2, picture.shape, np.uint8)  # no camera sends a picture twice
-            self._send_frame(camera, frame, picture.tobytes())
+            self._send_frame(camera, frame, self._pictures[self.is_pressed][frame % N_PICTURES])
             frame += 1
+
+
+@pytest.fixture
+def calibration(tmp_path: Path) -> container.CalibrationFile:
+    """Of the larger camera: the smaller one sees the same pad through the same lens."""
+    (tmp_path / "larger").mkdir()
+    return container.unpack(kept(calibration_bytes, gelslim(max(RESIDENT_MIB), tmp_path / "larger")))
 
 
 def gelslim(width_px: int, root: Path) -> Board:
@@ -70,7 +80,9 @@ def wrenches(host: Connection, n: int) -> list[Wrench]:
 
 
 @pytest.mark.parametrize("width_px", RESIDENT_MIB)
-def test_gelslim_fits_the_smallest_board_and_measures_once_rest_is_learned(width_px: int, tmp_path: Path) -> None:
+def test_gelslim_fits_the_smallest_board_and_measures_once_rest_is_learned(
+    width_px: int, calibration: container.CalibrationFile, tmp_path: Path
+) -> None:
     """Resident memory with everything subscribed; frames before the first force of a pad without a stored rest."""
     board = gelslim(width_px, tmp_path)
     n_rest = board.pipeline.n_rest_frames
@@ -78,7 +90,7 @@ def test_gelslim_fits_the_smallest_board_and_measures_once_rest_is_learned(width
     run = (tmp_path / "gelslim", f"twin:{tmp_path / 'twin'}", store, "--lockstep", "--wait-for-host")
     with Camera(board, tmp_path / "twin") as camera:
         with started_daemon(*run) as daemon, Connection(daemon.port) as host:
-            host.flash(kept(calibration_bytes, board))
+            host.flash(container.pack(calibration.tensors, calibration.metadata | container.base_metadata(board)).data)
         with started_daemon(*run) as daemon, Connection(daemon.port) as host:
             host.subscribe(wrench=1)
             got = wrenches(host, n_rest + 1)

@@ -20,19 +20,22 @@ T = TypeVar("T")
 HANG_S = 120.0
 LOOK_S = 0.002  # between two looks at what is awaited
 LEAST_S = 0.1  # between two looks at whether it hangs
+FIRST_S = 1.0  # before it, nobody looks: most waits are over, and a look reads a file of each thread
 
 
 class Patience:
     """Begins when it is made."""
 
     def __init__(self) -> None:
-        self._start_s, self._before = time.monotonic(), _without_core_s()
-        self._next_s = self._start_s + HANG_S
+        self._start_s = time.monotonic()
+        self._before: dict[str, float] | None = None
+        self._next_s = self._start_s + FIRST_S
 
     def left_s(self) -> float:
         """Seconds that the test may still wait."""
         now = _without_core_s()
-        lost_s = max((s - self._before.get(thread, 0) for thread, s in now.items()), default=0)
+        before = self._before = now if self._before is None else self._before
+        lost_s = max((s - before.get(thread, 0) for thread, s in now.items()), default=0)
         return HANG_S + lost_s - (time.monotonic() - self._start_s)
 
     def is_over(self) -> bool:
@@ -81,7 +84,7 @@ def guard(what: str) -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, max(left_s, LEAST_S))
 
     before, was_s = signal.signal(signal.SIGALRM, hangs), time.monotonic()
-    outer_s, _ = signal.setitimer(signal.ITIMER_REAL, HANG_S)
+    outer_s, _ = signal.setitimer(signal.ITIMER_REAL, patience.left_s())
     try:
         yield
     finally:

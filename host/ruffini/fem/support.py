@@ -26,7 +26,6 @@ of contacts. Not in the paper. The board runs it in integers (firmware/solve/sup
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -178,24 +177,29 @@ def shear_modes(y: Array, weight: Array, place_m: Array) -> Array:
     from_center = place_m - pressure @ place_m / pressure.sum()
     x, y_ = from_center.T
     one, zero = np.ones_like(x), np.zeros_like(x)
-    ways = [np.stack(along, axis=-1) for along in ((one, zero), (zero, one), (-y_, x), (x, y_))]
-    total = functools.partial(np.add.reduce, axis=None)  # np.sum is this and a microsecond, half a million times a fit
-    basis: list[Array] = []
-    for amplitude in (pressure, weight, pressure * (x**2 + y_**2)):
-        for way in ways:
-            vector = amplitude[:, None] * way
-            before = total(vector**2)
-            for b in basis:
-                vector = vector - total(b * vector) * b
-            left = total(vector**2)
-            if left > 0 and left >= LEAST_SHARE * before:
-                basis.append(vector / np.sqrt(left))
-    return np.array(basis)
+    ways = np.array([[one, zero], [zero, one], [-y_, x], [x, y_]]).transpose(0, 2, 1)
+    amplitudes = np.array([pressure, weight, pressure * (x**2 + y_**2)])
+    patterns = (amplitudes[:, None, :, None] * ways).reshape(12, -1)
+    basis, k = np.empty_like(patterns), 0  # rows as they are found; this runs half a million times a fit
+    for vector in patterns:
+        before = vector @ vector
+        vector = vector - (basis[:k] @ vector) @ basis[:k]
+        left = vector @ vector
+        if left > 0 and left >= LEAST_SHARE * before:
+            basis[k] = vector / np.sqrt(left)
+            k += 1
+    return np.asarray(basis[:k].reshape(k, len(y), 2))
+
+
+def _projected(shear: Array, basis: Array) -> Array:
+    """What the modes (k, nodes, 2) explain of `shear` (nodes, 2)."""
+    rows = basis.reshape(len(basis), shear.size)
+    return np.asarray(((rows @ shear.ravel()) @ rows).reshape(shear.shape))
 
 
 def _shrunk(shear: Array, basis: Array, weight: Array, noise: float) -> Array:
     """`shear` (nodes, 2) with what no mode explains multiplied by 1 - E_noise / E_left."""
-    left = shear - np.einsum("k,knc->nc", np.einsum("knc,nc->k", basis, shear), basis)
+    left = shear - _projected(shear, basis)
     energy = np.sum(left**2)
     lost = min(NOISE_SHARE * 2 * np.sum(weight**2) * noise**2 / energy, 1.0) if energy > 0 else 0.0
     return np.asarray(shear - lost * left)
@@ -212,7 +216,7 @@ def _conjugate_gradients(
     def precondition(r: Array) -> Array:
         z = (weight * np.array([SHEAR_WEIGHT, SHEAR_WEIGHT, 1.0])) ** 2 * r
         for c, basis in modes:
-            z[c, :2] += MODE_GAIN * np.einsum("k,knc->nc", np.einsum("knc,nc->k", basis, r[c, :2]), basis)
+            z[c, :2] += MODE_GAIN * _projected(r[c, :2], basis)
         return np.asarray(z)
 
     residual = b - image_of(y)

@@ -29,6 +29,7 @@ FIRST_STEP_M, LEAST_STEP_M = 3e-5, 2e-6  # a frame, of a hand that seeks a force
 HESITATES = 0.6  # of the step before, each time that it has to turn back
 WEIGHT_STEP_M = 1e-4  # a frame, at most, that a weight sinks in
 SETTLED = 0.01  # of its weight is not carried yet
+STANDS = 0.001  # so little of it, and the weight moves no more
 LOAD_FRAMES = 60  # of the twin's camera: a computer that is busy with other things sees a part of them
 SOME_PRESSES_N, HOLD_S = (0.6, 1.1, 0.8, 1.4, 0.5, 1.0, 0.7, 1.2), 0.8
 PAUSES_S = (0.8, 1.4, 0.6, 1.1, 2.0, 0.7, 1.6, 0.9)  # before each
@@ -126,6 +127,8 @@ class EmulatedPerson:
         """How far a weight goes down in this frame: as much as the stiffness that it met needs."""
         assert self._weight_n is not None
         lacks_n, last = self._weight_n - self._felt_n, self._last
+        if abs(lacks_n) <= STANDS * self._weight_n:
+            return 0.0
         self._last = (self._depth_m, self._felt_n)
         if last is None or abs(self._depth_m - last[0]) < 1e-8:
             return float(np.sign(lacks_n)) * LEAST_STEP_M * 5

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -60,16 +63,17 @@ def in_discs(matrix: Array, wanted: Array, radius: Array, start: Array, step: fl
         length = np.hypot(t[:, 0], t[:, 1])
         return np.asarray(t * np.minimum(1.0, radius / np.maximum(length, 1e-300))[:, None])
 
+    largest, total = functools.partial(np.maximum.reduce, axis=None), functools.partial(np.add.reduce, axis=None)
     t = project(start)
     lead, momentum = t, 1.0
     for _ in range(MAX_GRADIENT_STEPS):
         gradient = (matrix @ lead.ravel() - wanted).reshape(-1, 2)
         following = project(lead - step * gradient)
-        if float(((lead - following) * (following - t)).sum()) > 0:
-            momentum = 1.0  # restart (O'Donoghue and Candes)
-        grown = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
         change, t = following - t, following
-        if np.abs(change).max() <= tolerance:
+        if total((lead - following) * change) > 0:
+            momentum = 1.0  # restart (O'Donoghue and Candes)
+        if largest(np.abs(change)) <= tolerance:
             return t
+        grown = (1 + math.sqrt(1 + 4 * momentum**2)) / 2
         lead, momentum = t + (momentum - 1) / grown * change, grown
     return t

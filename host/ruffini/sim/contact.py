@@ -213,12 +213,12 @@ class ContactSolver:
         columns = self._shares[:, near]
         nodes = np.unique(columns.indices)
         shares = sp.csr_matrix(columns[nodes])
-        to_hats = shares.T  # once: scipy's wrapper takes longer than the product
+        to_hats = sp.csr_matrix(shares.T)
         dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
         rows = self.response.rows(nodes)
         local = rows[:, dofs]
-        spread = sp.kron(shares, sp.identity(3), format="csr")
-        c = np.asarray(spread.T @ (spread.T @ local).T).reshape(len(near), 3, len(near), 3)
+        half = (to_hats @ local.reshape(len(nodes), -1)).reshape(3 * len(near), -1)
+        c = (to_hats @ half.T.reshape(len(nodes), -1)).reshape(len(near), 3, len(near), 3)
         target = to_hats @ (self._target - free)[nodes]
         target[:, 2] += self._apart[near]
         if self._body:
