@@ -66,14 +66,14 @@ def has_images(board: Board) -> bool:
 
 
 def colours_of(
-    board: Board, *, twin: TwinSettings | None = None, progress: Progress = lambda _: None
+    board: Board, *, twin: TwinSettings | None = None, n_balls: int = N_BALLS, progress: Progress = lambda _: None
 ) -> container.Tensors:
     """The `photometric` kind, fitted to ball presses of the board's twin, or of `twin`."""
     c = board.camera
     pinhole = Pinhole(c.focal_mpx / 1e3, c.center_x_mpx / 1e3, c.center_y_mpx / 1e3, c.standoff_um / 1e3)
     with tempfile.TemporaryDirectory() as folder:
         balls = Path(folder) / "balls"
-        record_balls(TwinUnit.build(board, twin=twin), N_BALLS, balls, ball_mm=BALL_MM, seed=SEED, progress=progress)
+        record_balls(TwinUnit.build(board, twin=twin), n_balls, balls, ball_mm=BALL_MM, seed=SEED, progress=progress)
         return {**tabulate(fit_photometric(collect_samples(load_presses(balls), pinhole)).model)}
 
 

@@ -67,7 +67,7 @@ def coarse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Board:
     assert "n_x = 31\nn_y = 25\n" in board
     (folder / "board.toml").write_text(board.replace("n_x = 31\nn_y = 25\n", "n_x = 16\nn_y = 13\n"))
     (folder / "twin.toml").write_text((folder / "twin.toml").read_text() + "[mesh]\ncells_x = 12\ncells_y = 10\n")
-    for name, value in {"NODE_MM": 1.0, "STEP_MM": 0.5, "FORCE_N": 1.0, "N_TURNS": 2}.items():
+    for name, value in {"NODE_MM": 1.0, "STEP_MM": 0.5, "FORCE_N": 1.0, "TURN": 0.1, "N_TURNS": 2}.items():
         monkeypatch.setattr(fine_objects, name, value)
     return find_board(str(folder))
 

@@ -11,11 +11,13 @@ import pytest
 from kept import kept
 
 from ruffini.bench import picture_faults as faults
-from ruffini.bench.fitted import NOISE, colours_of
+from ruffini.bench.fitted import colours_of
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.core import Pipeline
 from ruffini.estimators.operator.fit import make_operator
+from ruffini.estimators.operator.gauge import USUAL
+from ruffini.fem.operators import Noise
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.settings import MeshSettings, TwinSettings, load_twin
 from ruffini.sim.unit import TwinUnit
@@ -41,8 +43,8 @@ def board() -> Board:
 
 @pytest.fixture(scope="module")
 def calibration(board: Board) -> bytes:
-    kind = kept(make_operator, board, method="support", noise=NOISE, n_touches=0)
-    tables = {**kind.tensors, **kept(colours_of, board, twin=coarse_twin(board)), **ERRORS}
+    kind = kept(make_operator, board, method="support", noise=Noise(USUAL.sigma_m), n_touches=0)
+    tables = {**kind.tensors, **kept(colours_of, board, twin=coarse_twin(board), n_balls=8), **ERRORS}
     return container.pack(tables, {**container.base_metadata(board), **kind.metadata}).data
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -24,8 +26,13 @@ LOAD = np.array([0.3, -0.2, -2.0, 3e-3, -2e-3, 1e-3])  # N and N m
 
 
 @pytest.fixture(scope="module")
-def board() -> Board:
-    return find_board("ftouch")
+def board(tmp_path_factory: pytest.TempPathFactory) -> Board:
+    """Its tray is loaded, so the pad on it needs few elements."""
+    folder = tmp_path_factory.mktemp("board") / "ftouch"
+    shutil.copytree(find_board("ftouch").folder, folder)
+    with (folder / "twin.toml").open("a") as twin:
+        twin.write("\n[mesh]\ncells_x = 6\ncells_y = 5\n")
+    return find_board(folder)
 
 
 def shown(board: Board, *, n_rest: int, n_loaded: int, **fault: object) -> list[Picture]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 import pytest
-from kept import kept
 
 from ruffini.bench import video_presses
 from ruffini.boards import find_board
@@ -24,11 +25,15 @@ def unit() -> TwinUnit:
     board = find_board("gelsight-wedge")
     twin = load_twin(board)
     mesh = twin.mesh.model_copy(update={"cells_x": 14, "cells_y": 11})
-    return kept(TwinUnit.build, board, twin=twin.model_copy(update={"mesh": mesh, "sensor": None}))
+    return TwinUnit.build(board, twin=twin.model_copy(update={"mesh": mesh, "sensor": None}))
 
 
-def twin_film(unit: TwinUnit) -> video_presses.Film:
-    return kept(video_presses.twin_film, unit, BALL_MM, (250, 240), MOST_N)
+@pytest.fixture(scope="module")
+def film(unit: TwinUnit) -> Iterator[video_presses.Film]:
+    """Few frames; the films beside it have as few."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(video_presses, "DEPTH_STEP_M", 2 * video_presses.DEPTH_STEP_M)
+        yield video_presses.twin_film(unit, BALL_MM, (250, 240), MOST_N)
 
 
 def made(change, noise=0.0, block=0.0) -> video_presses.Film:
@@ -54,9 +59,8 @@ def test_statistics_of_a_film_with_known_ones():
     assert video_presses.statistics(made((0.0, 0.0, 0.0), noise=1.0, block=6.0), mask).blockiness > 2
 
 
-def test_a_twins_film_is_recognised_and_another_place_is_not(unit, tmp_path):
+def test_a_twins_film_is_recognised_and_another_place_is_not(unit, film, tmp_path):
     mask = video_presses.gel_mask(unit.board)
-    film = twin_film(unit)
     at = video_presses.contact_px(video_presses.change_at_most(film), mask)
     assert np.hypot(at[0] - 250, at[1] - 240) < 12
     found = video_presses.compare(film, unit, BALL_MM, mask)
@@ -68,8 +72,7 @@ def test_a_twins_film_is_recognised_and_another_place_is_not(unit, tmp_path):
     assert cv2.imread(str(path)).shape == (480, 4 * 640, 3)
 
 
-def test_a_folder_of_videos_is_read_to_its_largest_force_and_judged(unit, tmp_path):
-    film = twin_film(unit)
+def test_a_folder_of_videos_is_read_to_its_largest_force_and_judged(unit, film, tmp_path):
     out = cv2.VideoWriter(str(tmp_path / "ball_0.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
     load = [*film.force, 0.0, 0.0]  # and open again
     for i in range(len(load)):

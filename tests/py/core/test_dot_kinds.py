@@ -29,8 +29,8 @@ def places() -> Array:
     return np.array([159.5, 119.5]) + PITCH_PX * np.stack([column.ravel(), row.ravel()], axis=1)
 
 
-def picture(kind: str, at: Array, seed: int) -> npt.NDArray[np.uint8]:
-    """Reflective: far beyond white in the middle, where the camera saturates, and a halo of three radii round it."""
+def lit(kind: str, at: Array) -> Array:
+    """Grey levels without noise. Reflective: far beyond white in the middle, where the camera saturates, and a halo of three radii round it."""
     y, x = np.mgrid[:240, :320].astype(float)
     level = {"black": 140.0, "white": 90.0, "reflective": 50.0}[kind] * (1 + 0.1 * (x / 320 - 0.5))
     for place in at:
@@ -39,7 +39,11 @@ def picture(kind: str, at: Array, seed: int) -> npt.NDArray[np.uint8]:
         level = level + {"black": -85.0, "white": 100.0, "reflective": 420.0}[kind] * disc
         if kind == "reflective":
             level = level + 60 * np.exp(-np.clip(away - RADIUS_PX, 0, None) / 3)
-    noise = np.random.default_rng(seed).normal(0, 1.0, (*x.shape, 3))
+    return np.asarray(level)
+
+
+def picture(level: Array, seed: int) -> npt.NDArray[np.uint8]:
+    noise = np.random.default_rng(seed).normal(0, 1.0, (*level.shape, 3))
     return np.asarray(np.clip(np.round(level[..., None] + noise), 0, 255), np.uint8)
 
 
@@ -48,12 +52,12 @@ def test_every_kind_is_followed(kind: str) -> None:
     rest = places()
     errors = []
     with Pipeline(board(kind)) as pipeline:
-        pipeline.set_rest(picture(kind, rest, 0))
+        pipeline.set_rest(picture(lit(kind, rest), 0))
         for seed in range(1, 7):
             rng = np.random.default_rng(seed)
             share = np.exp(-((rest - rng.uniform([80, 60], [240, 180])) ** 2).sum(axis=1) / (2 * 55.0**2))
             moved = rest + rng.uniform(-4, 4, 2) + share[:, None] * rng.uniform(-7, 7, 2)
-            result = pipeline.process(picture(kind, moved, 10 + seed))
+            result = pipeline.process(picture(lit(kind, moved), 10 + seed))
             assert result.n_markers_at_rest == 70
             assert result.n_markers_lost == 0
             at, found, _ = pipeline.markers()
@@ -66,6 +70,7 @@ def test_every_kind_is_followed(kind: str) -> None:
 
 @pytest.mark.parametrize(("kind", "wrong"), [("black", "white"), ("white", "black"), ("reflective", "black")])
 def test_the_wrong_kind_is_told(kind: str, wrong: str) -> None:
-    frames = [picture(kind, places(), seed) for seed in range(26)]
+    level = lit(kind, places())
+    frames = [picture(level, seed) for seed in range(26)]
     with pytest.raises(InputError, match=r"no markers of board|polarity"):
         evaluate(board(wrong), frames, n_fields=1)
