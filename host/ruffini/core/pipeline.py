@@ -266,7 +266,10 @@ class Pipeline:
 
     def set_rest(self, image: npt.NDArray[np.float64] | npt.NDArray[np.uint8]) -> None:
         """Take an untouched image, (height, width, 3) grey levels, as rest."""
-        rest = np.ascontiguousarray(np.clip(np.round(image.astype(float) * 16), 0, 65535).astype(np.uint16))
+        if image.dtype == np.uint8:
+            rest = image.astype(np.uint16, order="C") * np.uint16(16)
+        else:
+            rest = np.ascontiguousarray(np.clip(np.round(image.astype(float) * 16), 0, 65535).astype(np.uint16))
         if rest.shape != (self.layout.height_px, self.layout.width_px, 3):
             raise InputError(
                 f"the rest image is {image.shape}, this board needs "

@@ -30,6 +30,7 @@ from ruffini.rig.log_file import Log, TouchRecord, read_log, write_log
 Array = npt.NDArray[np.float64]
 STEP_PX, TAKEN = 2, (3, 30, 36, 42)  # pictures: one before, three while it is held
 LEVEL, HALF_PX = 40, 2
+N_PRESSES = 24  # of the fit; its table of fewer presses goes to 20
 
 
 def pictures(light: Array) -> npt.NDArray[np.uint8]:
@@ -104,7 +105,7 @@ def fit_of_log(n: int, seed: int, **how) -> tuple[dict[str, Array], dict[str, Ou
 
 @pytest.fixture(scope="module")
 def fitted():
-    return kept(fit_of_log, 40, 3)
+    return kept(fit_of_log, N_PRESSES, 3)
 
 
 def test_a_log_makes_a_skins_calibration_that_passes(fitted) -> None:
@@ -115,7 +116,7 @@ def test_a_log_makes_a_skins_calibration_that_passes(fitted) -> None:
     assert {g.name for g in gates} == {"reference unit", "on the board"} | of_the_fit
     assert set(file.kinds) == {"skin", "relaxation"}
     assert report["n_taxels"] == len(lattice_mm(BOARD))
-    assert report["n_presses"] == 40
+    assert report["n_presses"] == N_PRESSES
     assert 1 <= report["n_at_rim"] <= 12  # a sixth of the places asked for
     assert report["force_error_percent"] < 5
     assert report["place_error_mm"] < 2.5
@@ -156,7 +157,7 @@ def test_report_says_how_well_and_shows_it(fitted, tmp_path: Path) -> None:
 
 
 def test_a_reference_that_is_wrong_by_touch_and_one_that_failed_its_checks_are_refused() -> None:
-    *_, gates = kept(fit_of_log, 14, 4, gain=(1.0, 1.6), is_unit_ok=False)
+    *_, gates = kept(fit_of_log, 8, 4, gain=(1.0, 1.6), is_unit_ok=False)
     assert {"skin force", "reference unit"} <= {g.name for g in failed(gates)}
 
 

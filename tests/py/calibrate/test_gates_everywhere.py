@@ -23,7 +23,7 @@ from ruffini.estimators.operator.judge import Judged, gates_of_forces
 from ruffini.estimators.photometric.presses import load_presses
 
 COLUMNS = "image,center_x_px,center_y_px,contact_radius_px"
-N = 12
+N = 9
 Circle = tuple[float, float, float]
 
 

@@ -132,7 +132,7 @@ class PhotometricModel:
         change = samples.seen(self.choice.is_balanced)
         terms = monomials(samples.place, self.choice.unmix_order)
         q = np.einsum("nt,nc,tcq->nq", terms, change, self.unmix)
-        return np.asarray(q + self.axis.weights(change) @ self.bend if len(self.bend) else q)
+        return np.asarray(q + self.axis.value(change, self.bend) if len(self.bend) else q)
 
     def shift_px(self, samples: Samples, share: float, at_most: float) -> Array:
         """How far the circle's centre is from the mark, by the normals inside a share of the contact."""
@@ -249,8 +249,12 @@ class Equations:
         """The model of least squares."""
         n_all, n = 3 * n_terms(max(UNMIX_ORDERS)), 3 * n_terms(choice.unmix_order)
         n_nodes = 0 if choice.stiffness is None else N_LINES**3
-        use = np.r_[np.arange(n), np.arange(n_all, n_all + n_nodes)]
-        gram, right = sums.gram[np.ix_(use, use)] / sums.count, sums.right[use] / sums.count
+        used = ((slice(0, n), slice(0, n)), (slice(n, n + n_nodes), slice(n_all, n_all + n_nodes)))
+        gram, right = np.empty((n + n_nodes, n + n_nodes)), np.empty((n + n_nodes, 2))
+        for row, from_row in used:
+            right[row] = sums.right[from_row] / sums.count
+            for column, from_column in used:
+                np.divide(sums.gram[from_row, from_column], sums.count, out=gram[row, column])
         unmix = np.arange(n)
         gram[unmix, unmix] += UNMIX_RIDGE * np.trace(gram[:n, :n]) / n
         if choice.stiffness is not None:
@@ -310,21 +314,23 @@ def fit_photometric(samples: list[Samples], *, progress: Callable[[float], None]
     known = {}
     for is_balanced in (False, True):
         equations = Equations(samples, is_balanced)
-        known[is_balanced] = equations, [equations.of(s) for s in samples]
+        marked = [equations.of(s) for s in samples]
+        known[is_balanced] = equations, marked, _without_each_fold(marked)
         for stiffness in (None, STIFFNESS[1]):
             choice = Choice(1, stiffness, is_balanced)
-            tried[choice] = _left_out(samples, *known[is_balanced], choice)
+            tried[choice] = _left_out(samples, equations, known[is_balanced][2], choice)
         progress(0.1 + 0.1 * is_balanced)
     is_balanced = best_choice(tried).is_balanced
+    equations, _, others = known[is_balanced]
     rest = [Choice(order, None, is_balanced) for order in UNMIX_ORDERS]
     rest += [Choice(order, stiffness, is_balanced) for order in BENT_ORDERS for stiffness in STIFFNESS]
     for i, choice in enumerate(rest):
         if choice not in tried:
-            tried[choice] = _left_out(samples, *known[is_balanced], choice)
+            tried[choice] = _left_out(samples, equations, others, choice)
         progress(0.2 + 0.7 * (i + 1) / len(rest))
     choice = best_choice(tried)
-    equations, marked = known[choice.is_balanced]
-    errors = _left_out(samples, equations, marked, choice, is_moved=True)
+    equations, marked, others = known[choice.is_balanced]
+    errors = _left_out(samples, equations, others, choice, is_moved=True)
     progress(1.0)
     names = {str(c): round(float(e.mean()), 3) for c, e in tried.items()}
     return PhotometricFit(equations.solve_moved(samples, _total(marked), choice), errors, names)
@@ -341,17 +347,20 @@ def best_choice(tried: dict[Choice, Array]) -> Choice:
     ]
 
 
+def _without_each_fold(marked: list[Sums]) -> list[Sums]:
+    """Of all presses but those of one fold, of each."""
+    folds, everything = min(len(marked), FOLDS), _total(marked)
+    return [everything - _total(marked[fold::folds]) for fold in range(folds)]
+
+
 def _left_out(
-    samples: list[Samples], equations: Equations, marked: list[Sums], choice: Choice, *, is_moved: bool = False
+    samples: list[Samples], equations: Equations, others: list[Sums], choice: Choice, *, is_moved: bool = False
 ) -> Array:
-    """Error of each press by a model that was fitted without it."""
-    folds = min(len(samples), FOLDS)
-    errors = np.zeros(len(samples))
-    everything = _total(marked)
+    """Error of each press by a model that was fitted without it. others : as `_without_each_fold`."""
+    folds, errors = len(others), np.zeros(len(samples))
     for fold in range(folds):
-        others = everything - _total(marked[fold::folds])
         kept = [s for i, s in enumerate(samples) if i % folds != fold]
-        model = equations.solve_moved(kept, others, choice) if is_moved else equations.solve(others, choice)
+        model = equations.solve_moved(kept, others[fold], choice) if is_moved else equations.solve(others[fold], choice)
         for i in range(fold, len(samples), folds):
             errors[i] = model.error_deg(samples[i])
     return errors

@@ -46,17 +46,28 @@ class ColourAxis:
 
     def weights(self, change: Array) -> sparse.csr_matrix:
         """(n, nodes): the trilinear weights of (n, 3) changes; beyond the lattice its border's."""
-        at = np.clip((change * ONE_Q12 - self.low_q12) / (1 << self.shift), 0, N_LINES - 1)
-        line = np.minimum(at.astype(np.int64), N_LINES - 2)
-        part = at - line
-        columns, values = [], []
-        for corner in np.ndindex(2, 2, 2):
-            node = line + corner
-            columns.append((node[:, 0] * N_LINES + node[:, 1]) * N_LINES + node[:, 2])
-            values.append(np.prod(np.where(corner, part, 1 - part), axis=1))
-        rows = np.tile(np.arange(len(change)), 8)
+        nodes, values = self._corners(change)
+        first = np.arange(0, nodes.size + 1, 8)
         shape = (len(change), N_LINES**3)
-        return sparse.csr_matrix((np.concatenate(values), (rows, np.concatenate(columns))), shape=shape)
+        return sparse.csr_matrix((values.T.ravel(), nodes.T.ravel().astype(np.int32), first), shape=shape)
+
+    def value(self, change: Array, at_nodes: Array) -> Array:
+        """`weights(change) @ at_nodes`, of (nodes, k)."""
+        out = np.zeros((len(change), at_nodes.shape[1]))
+        for node, value in zip(*self._corners(change), strict=True):
+            out += value[:, None] * at_nodes[node]
+        return out
+
+    def _corners(self, change: Array) -> tuple[npt.NDArray[np.int64], Array]:
+        """The eight nodes around each change, rising, and their weights, (8, n)."""
+        at = np.clip((change * ONE_Q12 - self.low_q12) / (1 << self.shift), 0, N_LINES - 1).T
+        line = np.minimum(at.astype(np.int64), N_LINES - 2)
+        sides = np.stack([1 - (at - line), at - line])
+        nodes, values = [], []
+        for i, j, k in np.ndindex(2, 2, 2):
+            nodes.append(((line[0] + i) * N_LINES + line[1] + j) * N_LINES + line[2] + k)
+            values.append(sides[i, 0] * sides[j, 1] * sides[k, 2])
+        return np.stack(nodes), np.stack(values)
 
 
 def _lines(low: float, high: float) -> tuple[int, int]:

@@ -22,22 +22,21 @@ from ruffini.estimators.skin.log import log_presses, read_skin_log, untouched_of
 from ruffini.estimators.skin.presses import Press, press_folders, read_presses
 from ruffini.estimators.skin.report import skin_report_of, write_skin_page
 from ruffini.estimators.skin.task import TASK
+from ruffini.rig.log_file import Log
 
 Array = npt.NDArray[np.float64]
 
 MAX_SKIN_PLACE = 0.5  # of the distance of two openings, mean: nearer to the right one than to the next
 
 
-def _untouched(board: Board, path: Path) -> Array:
-    if path.suffix == ".h5":
-        return untouched_of(read_skin_log(path, board), path.name, board)
-    return untouched(board, press_folders(path)[0])
+def _untouched(board: Board, path: Path, log: Log | None) -> Array:
+    return untouched(board, press_folders(path)[0]) if log is None else untouched_of(log, path.name, board)
 
 
-def _presses(board: Board, path: Path, seen: SeenSkin) -> list[Press]:
-    if path.suffix == ".h5":
-        return log_presses(read_skin_log(path, board), path.name, board, seen.openings)
-    return read_presses(path, board, seen.openings)
+def _presses(board: Board, path: Path, log: Log | None, seen: SeenSkin) -> list[Press]:
+    return (
+        read_presses(path, board, seen.openings) if log is None else log_presses(log, path.name, board, seen.openings)
+    )
 
 
 class SkinEstimator(Estimator):
@@ -57,11 +56,14 @@ class SkinEstimator(Estimator):
         """Fit to logs of `cal collect` and folders of presses, all of one unit."""
         if job.points is None:
             raise InputError("the lens is fitted to known points: give --points FILE (CSV: x_px, y_px, z_mm)")
-        seen = seen_skin(job.board, read_points(job.points), _untouched(job.board, job.paths[0]))
+        seen: SeenSkin | None = None
         presses: list[Press] = []
         for i, path in enumerate(job.paths):
-            presses += _presses(job.board, path, seen)
+            log = read_skin_log(path, job.board) if path.suffix == ".h5" else None
+            seen = seen or seen_skin(job.board, read_points(job.points), _untouched(job.board, path, log))
+            presses += _presses(job.board, path, log, seen)
             progress(0.5 * (i + 1) / len(job.paths))
+        assert seen is not None
         fit = fit_seen(job.board, seen, presses, lambda done: progress(0.5 + 0.5 * done))
         file = taxel_file(job.board, fit)
         job.tensors |= file.tensors

@@ -133,7 +133,7 @@ class WrenchMap:
     def predicted(self, frames: Frames) -> Array:
         """Wrench of frames in time order, (t, 6); each recording starts from rest."""
         elastic = self.corrected(self.elastic(frames), frames.degrees)
-        said = elastic if not self.relax.any() else elastic - forgotten(elastic, frames, self.relax)
+        said = elastic if not self.relax.any() else elastic - forgotten(memories(elastic, frames), self.relax)
         if self.rest is not None:
             said = np.where(self.rest.is_untouched(frames.features)[:, None], 0.0, said)
         return said
@@ -162,6 +162,6 @@ def memories(elastic: Array, frames: Frames) -> Array:
     return relaxation_states(elastic, part, first, np.diff(first, append=len(elastic)))
 
 
-def forgotten(elastic: Array, frames: Frames, relax: Array) -> Array:
-    """What relaxation takes from the elastic wrench, (t, 6)."""
-    return np.asarray(np.einsum("ktj,kj->tj", memories(elastic, frames), relax))
+def forgotten(h: Array, relax: Array) -> Array:
+    """What relaxation takes from the elastic wrench of memories h, (t, 6)."""
+    return np.asarray(np.einsum("ktj,kj->tj", h, relax))

@@ -86,16 +86,17 @@ def fitted(frames: Frames, terms: Terms, full: Array | None = None) -> WrenchMap
             made = _with_square(made, frames, aim, terms)
         elastic = made.corrected(made.elastic(frames), frames.degrees)
         if terms.relax.any():
-            relax = _relaxation(elastic, frames, terms.relax)
-            target = frames.wrench + forgotten(elastic, frames, relax)
+            h = memories(elastic, frames)
+            relax = _relaxation(elastic, h, frames, terms.relax)
+            target = frames.wrench + forgotten(h, relax)
         if warmth is not None:
             warmth = warmth.refined(made.elastic(frames), target, frames.degrees, terms.warm)
     return replace(made, relax=relax, warmth=warmth)
 
 
-def _relaxation(elastic: Array, frames: Frames, axes: npt.NDArray[np.bool_]) -> Array:
-    """Parts of each term that leave the reference's wrench of the elastic one, on those axes."""
-    relax, h = np.zeros((len(TIMES_S), 6)), memories(elastic, frames)
+def _relaxation(elastic: Array, h: Array, frames: Frames, axes: npt.NDArray[np.bool_]) -> Array:
+    """Parts of each term that leave the reference's wrench of the elastic one, on those axes; h : its memories."""
+    relax = np.zeros((len(TIMES_S), 6))
     for axis in np.flatnonzero(axes):
         columns = np.stack([elastic[:, axis], *(-h[k, :, axis] for k in range(len(TIMES_S)))], axis=1)
         weights = nnls(columns, frames.wrench[:, axis])[0]
