@@ -18,16 +18,14 @@ NONE, LIMIT, STEP, MIN_PAIRS = -1, 13_107, 4 << 16, 16
 
 def neighbours(rest: Ints, absent: Flags) -> tuple[Ints, Ints]:
     """firmware/image/slipped_pins.h, learn(); `rest` (n, 2) px Q16, view by view."""
-    n = len(rest)
-    above, below, reach = np.full(n, NONE), np.full(n, NONE), (HEIGHT << 16) // 8
+    n, reach = len(rest), (HEIGHT << 16) // 8
     view = np.arange(n) // (n // N_VIEWS)
-    for i in np.flatnonzero(~absent):
-        dx, dy = (rest - rest[i]).T
-        square = dx**2 + dy**2
-        may = ~absent & (view == view[i]) & (np.abs(dx) <= np.abs(dy)) & (np.abs(dy) <= reach) & (square <= reach**2)
-        for side, out in ((dy < 0, above), (dy > 0, below)):
-            if (may & side).any():
-                out[i] = np.where(may & side, square, np.iinfo(np.int64).max).argmin()
+    dx, dy = (rest[:, axis] - rest[:, axis, None] for axis in (0, 1))  # [i, j]: from i to j
+    square = dx**2 + dy**2
+    may = ~absent & ~absent[:, None] & (view == view[:, None]) & (np.abs(dx) <= np.abs(dy))
+    may &= (np.abs(dy) <= reach) & (square <= reach**2)
+    found = [np.where(may & side, square, np.iinfo(np.int64).max) for side in (dy < 0, dy > 0)]
+    above, below = (np.where(one.min(axis=1) <= reach**2, one.argmin(axis=1), NONE) for one in found)
     return above, below
 
 
@@ -53,7 +51,7 @@ def has_slipped(rest: Ints, moved: Ints, lost: Flags, absent: Flags) -> bool:
 def test_slipped_pins_are_the_mirrors() -> None:
     door = ctypes.CDLL(str(native_folder() / "libruffini_stages.so")).stages_slipped_pins
     rng, told = np.random.default_rng(3), {False: [0, 0], True: [0, 0]}
-    for turn in range(240):
+    for turn in range(120):
         n = 2 * int(rng.integers(240, 300))
         angle, radius = rng.uniform(0, 2 * np.pi, n), 100 * np.sqrt(rng.uniform(0, 1, n))
         away = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])

@@ -10,6 +10,7 @@ from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.slip import JUDGED, Case, Run, Scores, Watched, default_calibration, simulate, watch
 from ruffini.boards import Board, find_board
 from ruffini.core.pipeline import ContactRow, Pipeline
+from ruffini.sim.settings import MeshSettings, load_twin
 from ruffini.sim.unit import TwinUnit
 
 CASE = Case("sphere", 5, 0.5, 0.5, 0, 0, 0)
@@ -80,7 +81,8 @@ def test_nodes_are_counted_inside_the_contact_only() -> None:
 
 
 def first_run(board: Board) -> Run:
-    return simulate(TwinUnit.build(board), JUDGED[0])
+    mesh = MeshSettings(cells_x=16, cells_y=13)
+    return simulate(TwinUnit.build(board, twin=load_twin(board).model_copy(update={"mesh": mesh})), JUDGED[0])
 
 
 def test_the_board_foresees_that_a_ball_slides() -> None:

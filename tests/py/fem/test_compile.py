@@ -149,9 +149,10 @@ def test_a_hierarchy_that_may_err_more_on_samples_reads_less():
     matrix = kernel(rows, columns)
     _, gain, right = np.linalg.svd(matrix)
     small = right[np.flatnonzero(gain < 0.003 * gain[0])[:1]].T
-    free = compile_matrix(matrix, rows, columns, "test")
-    loose = compile_matrix(matrix, rows, columns, "test", samples=small, max_sample_error=1.0)
-    strict = compile_matrix(matrix, rows, columns, "test", samples=small, max_sample_error=0.003)
+    shapes = (Shape(64, 2, 0.5),)
+    free = compile_matrix(matrix, rows, columns, "test", shapes=shapes)
+    loose = compile_matrix(matrix, rows, columns, "test", shapes=shapes, samples=small, max_sample_error=1.0)
+    strict = compile_matrix(matrix, rows, columns, "test", shapes=shapes, samples=small, max_sample_error=0.003)
     assert loose.n_entries == free.n_entries
     assert loose.certificate.samples > 10 * loose.certificate.total
     assert strict.certificate.samples <= 0.003

@@ -1,5 +1,7 @@
 """The condensed slab against scikit-fem: another element (Taylor-Hood, 27 nodes), another assembly, another solver."""
 
+import functools
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -19,6 +21,7 @@ def traction_pa(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
     return np.stack([3e3 * bump, -2e3 * bump, -1e4 * bump])
 
 
+@functools.cache
 def oracle(poisson: float) -> tuple[float, np.ndarray]:
     """Work of the traction, J, and displacement of the mesh's corners on the surface, (CELLS + 1, CELLS + 1, 3) m.
 
@@ -48,6 +51,7 @@ def oracle(poisson: float) -> tuple[float, np.ndarray]:
     return float(load @ u), surface
 
 
+@functools.cache
 def ours(poisson: float, refinement: int) -> tuple[float, np.ndarray]:
     """The same of the board's model, `refinement` element edges on one of the oracle's."""
     n = CELLS * refinement + 1
