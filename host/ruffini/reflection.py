@@ -7,6 +7,8 @@ a quarter of the size: dense factorisation becomes 16 times cheaper. Not in the 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg as la
@@ -30,6 +32,7 @@ def _parity_basis(n: int, *, even: bool) -> sp.csr_matrix:
     return sp.csr_matrix((values, (rows, columns)), shape=(n, size))
 
 
+@lru_cache(maxsize=8)  # a fit condenses pads on one grid tens of times
 def parity_bases(n_x: int, n_y: int) -> list[sp.csr_matrix]:
     """Bases Q of the four parity classes of a vector field on an n_x by n_y node grid.
 

@@ -26,7 +26,6 @@ of contacts. Not in the paper. The board runs it in integers (firmware/solve/sup
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,24 +162,28 @@ def shear_modes(y: Array, weight: Array, place_m: Array) -> Array:
     from_center = place_m - pressure @ place_m / pressure.sum()
     x, y_ = from_center.T
     one, zero = np.ones_like(x), np.zeros_like(x)
-    ways = [np.stack(along, axis=-1) for along in ((one, zero), (zero, one), (-y_, x), (x, y_))]
-    total = functools.partial(np.add.reduce, axis=None)  # np.sum is this and a microsecond, half a million times a fit
-    basis: list[Array] = []
-    for amplitude in (pressure, weight, pressure * (x**2 + y_**2)):
-        for way in ways:
-            vector = amplitude[:, None] * way
-            before = total(vector**2)
-            for b in basis:
-                vector = vector - total(b * vector) * b
-            left = total(vector**2)
-            if left > 0 and left >= LEAST_SHARE * before:
-                basis.append(vector / np.sqrt(left))
-    return np.array(basis)
+    ways = np.array([(one, zero), (zero, one), (-y_, x), (x, y_)]).swapaxes(1, 2)
+    amplitudes = np.array([pressure, weight, pressure * (x**2 + y_**2)])
+    candidates = (amplitudes[:, None, :, None] * ways).reshape(len(amplitudes) * len(ways), -1)
+    basis, k = np.empty_like(candidates), 0
+    for candidate in candidates:
+        vector = candidate - (basis[:k] @ candidate) @ basis[:k]
+        left = vector @ vector
+        if left > 0 and left >= LEAST_SHARE * (candidate @ candidate):
+            basis[k] = vector / np.sqrt(left)
+            k += 1
+    return np.asarray(basis[:k].reshape(k, len(y), 2))
+
+
+def _in_modes(basis: Array, shear: Array) -> Array:
+    """The part of `shear` (nodes, 2) that the modes explain."""
+    flat = basis.reshape(len(basis), -1)
+    return np.asarray(((flat @ shear.ravel()) @ flat).reshape(shear.shape))
 
 
 def _shrunk(shear: Array, basis: Array, weight: Array, noise: float) -> Array:
     """`shear` (nodes, 2) with what no mode explains multiplied by 1 - E_noise / E_left."""
-    left = shear - np.einsum("k,knc->nc", np.einsum("knc,nc->k", basis, shear), basis)
+    left = shear - _in_modes(basis, shear)
     energy = np.sum(left**2)
     lost = min(NOISE_SHARE * 2 * np.sum(weight**2) * noise**2 / energy, 1.0) if energy > 0 else 0.0
     return np.asarray(shear - lost * left)
@@ -197,7 +200,7 @@ def _conjugate_gradients(
     def precondition(r: Array) -> Array:
         z = (weight * np.array([SHEAR_WEIGHT, SHEAR_WEIGHT, 1.0])) ** 2 * r
         for c, basis in modes:
-            z[c, :2] += MODE_GAIN * np.einsum("k,knc->nc", np.einsum("knc,nc->k", basis, r[c, :2]), basis)
+            z[c, :2] += MODE_GAIN * _in_modes(basis, r[c, :2])
         return np.asarray(z)
 
     residual = b - image_of(y)
