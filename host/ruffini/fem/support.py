@@ -180,7 +180,7 @@ def shear_modes(y: Array, weight: Array, place_m: Array) -> Array:
     ways = np.array([[one, zero], [zero, one], [-y_, x], [x, y_]]).transpose(0, 2, 1)
     amplitudes = np.array([pressure, weight, pressure * (x**2 + y_**2)])
     patterns = (amplitudes[:, None, :, None] * ways).reshape(12, -1)
-    basis, k = np.empty_like(patterns), 0  # rows as they are found; this runs half a million times a fit
+    basis, k = np.empty_like(patterns), 0  # rows as they are found
     for vector in patterns:
         before = vector @ vector
         vector = vector - (basis[:k] @ vector) @ basis[:k]

@@ -21,6 +21,7 @@ from ruffini.estimators.photometric.presses import Press, ball_slope
 from ruffini.sim.optics.camera import View
 from ruffini.sim.optics.settings import LensSettings, ViewSettings
 from ruffini.sim.recording import record_balls
+from ruffini.sim.settings import MeshSettings, load_twin
 from ruffini.sim.unit import TwinUnit
 
 Array = npt.NDArray[np.float64]
@@ -88,7 +89,8 @@ def test_the_verb_takes_the_camera(
     camera: container.CalibrationFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "balls"
-    record_balls(kept(TwinUnit.build, BOARD), 3, folder, ball_mm=2 * RADIUS_MM, seed=5)
+    twin = load_twin(BOARD).model_copy(update={"mesh": MeshSettings(cells_x=10, cells_y=8)})
+    record_balls(kept(TwinUnit.build, BOARD, twin=twin), 3, folder, ball_mm=2 * RADIUS_MM, seed=5)
     container.write(tmp_path / "camera", camera)
     words = [
         "cal",

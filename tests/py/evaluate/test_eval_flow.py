@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,19 +20,23 @@ from ruffini.evaluate.warps import Warp
 DOTS = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")
 
 
-def test_error_not_above_dis_medium_in_the_same_run() -> None:
-    result = evaluate(None, None, n_fields=3)
-    assert set(result["textures"]) == {"speckle", "glitter"}
-    for row in result["textures"].values():
+@pytest.fixture(scope="module")
+def judged() -> dict[str, Any]:
+    return evaluate(None, None, n_fields=3)
+
+
+def test_error_not_above_dis_medium_in_the_same_run(judged: dict[str, Any]) -> None:
+    assert set(judged["textures"]) == {"speckle", "glitter"}
+    for row in judged["textures"].values():
         assert 4 < row["largest_px"] < 16
         for where in ("rms_px", "dense_rms_px"):
             assert 0.01 < row["ruffini"][where] < row["medium"][where] < row["ultrafast"][where]
-    assert "DIS ultrafast" in table(result)
+    assert "DIS ultrafast" in table(judged)
 
 
-def test_quality_foretells_the_error() -> None:
+def test_quality_foretells_the_error(judged: dict[str, Any]) -> None:
     """What it states is near the error, and its worst quarter errs clearly more than its best."""
-    for row in evaluate(None, None, n_fields=3)["textures"].values():
+    for row in judged["textures"].values():
         quality = row["quality"]
         assert 0.6 < quality["stated_px"] / quality["rms_px"] < 1.6
         assert quality["worst_quarter_px"] > 1.5 * quality["best_quarter_px"]

@@ -118,6 +118,10 @@ def test_like_objects_are_told_apart_by_a_fit_to_the_others(tmp_path: Path, monk
 
         def spy(runs: Any, *rest: Any, real: Any = real, seen: Any = seen, **named: Any) -> Any:
             seen.append({run.recording for run in runs})
+            if (
+                "nonlinear" in named and len(seen[-1]) > 3
+            ):  # fits that judge one object, which the tests of `found` look at
+                named["nonlinear"] = False
             return real(runs, *rest, **named)
 
         monkeypatch.setattr(pressed_videos, name, spy)
