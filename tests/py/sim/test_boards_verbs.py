@@ -17,8 +17,8 @@ COARSER = {  # twin.toml so that every verb takes seconds: replaced, or appended
     "ftouch": ("", "\n[mesh]\ncells_x = 10\ncells_y = 8\n"),
     "stereo-fingertip": ("cells = 18", "cells = 8"),
 }
-FEWER = 3  # the camera's rate is divided by this
-SMALLER = {"eltac": 4, "ftouch": 2, "stereo-fingertip": 2}  # pictures that are large: their sides are divided by this
+FEWER = 6  # the camera's rate is divided by this
+SMALLER = {"contact-glitter": 2, "eltac": 5, "ftouch": 2, "stereo-fingertip": 4}  # pictures' sides are divided by this
 RATE = r"(?m)(^rate_mhz = )(\d+)"
 CAMERA_SIZES = r"((?:width_px|height_px|focal_mpx|center_x_mpx|center_y_mpx) = )(\d+)"
 
@@ -31,7 +31,7 @@ def board(request, tmp_path_factory):
     text = (folder / "twin.toml").read_text()
     assert old in text
     (folder / "twin.toml").write_text(text.replace(old, new) if old else text + new)
-    share, settings = SMALLER.get(request.param, 1), (folder / "board.toml").read_text()
+    share, settings = SMALLER[request.param], (folder / "board.toml").read_text()
     smaller, n = re.subn(CAMERA_SIZES, lambda found: f"{found[1]}{int(found[2]) // share}", settings)
     assert n == 5
     slower, n = re.subn(RATE, lambda found: f"{found[1]}{int(found[2]) // FEWER}", smaller)

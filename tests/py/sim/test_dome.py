@@ -117,17 +117,18 @@ def test_a_dragged_ball_sticks_then_slides_at_coulombs_limit(thin):
     assert forces[-1] > 0
 
 
-def loads_of_a_flat_end(thickness_m, depths_m):
-    return pressed(dome(thickness_m, 12), Indenter("flat", 5 * MM), depths_m)[2]
+def loads_of_a_flat_end(thickness_m, n_cells, depths_m):
+    return pressed(dome(thickness_m, n_cells), Indenter("flat", 5 * MM), depths_m)[2]
 
 
 def test_walls_collapse_where_the_paper_says():
     """Fig. 6 of the stereo paper at Shore 70: 1.0 mm gives 4 mm at 1 N, 2.0 mm collapses at 7 N, 2.5 mm stands 10 N."""
     depths = np.arange(0.5, 5.1, 0.5) * MM
-    loads = {t: kept(loads_of_a_flat_end, t * MM, depths) for t in (1.0, 2.0, 2.5)}
-    at_4mm = 7
+    at_4mm = 7  # further in, a thin wall is slow to compute
+    asked = ((1.0, 12, at_4mm + 1), (2.0, 10, len(depths)), (2.5, 10, at_4mm))
+    loads = {t: kept(loads_of_a_flat_end, t * MM, cells, depths[:n]) for t, cells, n in asked}
     assert loads[1.0][at_4mm] == pytest.approx(1.0, rel=0.15)
-    assert loads[1.0][: at_4mm + 1].max() == pytest.approx(1.05, rel=0.15)  # all that it stands until then
+    assert loads[1.0].max() == pytest.approx(1.05, rel=0.15)  # all that it stands until then
     assert 5.5 < loads[2.0].max() < 7.5
     assert loads[2.0][-1] - loads[2.0][-3] < 0.1 * loads[2.0][1]  # no stiffness is left
     assert loads[2.5].max() > 10

@@ -109,7 +109,7 @@ def test_gents_bonded_layer():
 def coarse_unit():
     board = find_board("eltac")
     twin = load_twin(board)
-    coarse = twin.skin.model_copy(update={"cells_x": 8, "cells_y": 16})
+    coarse = twin.skin.model_copy(update={"cells_x": 6, "cells_y": 12})
     return SkinUnit.build(board, PadError(), twin.model_copy(update={"skin": coarse}))
 
 
@@ -202,7 +202,7 @@ def test_a_panel_that_was_let_go_is_computed_ever_more_rarely(monkeypatch):
     for part in (0.0, IDLE_PART):
         monkeypatch.setattr(skin_unit, "IDLE_PART", part)
         rig = coarse_unit().rig()
-        press(rig, 0.02, 0.005, 1 * MM, 2 * MM, 3 * MM, 3 * MM, 3 * MM)
+        press(rig, 0.02, 0.005, 1.5 * MM, 3 * MM, 3 * MM)
         (panel,) = rig._panels.values()
         balances, free = [], panel.state.free
         monkeypatch.setattr(panel.state, "free", lambda s, free=free, balances=balances: (balances.append(s), free(s)))
