@@ -19,7 +19,7 @@ import os
 import pickle
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar
@@ -109,7 +109,7 @@ def _imports(path: Path) -> tuple[set[str], bool]:
         return set(), False
     names: set[str] = set()
     text = path.read_text()
-    for node in ast.walk(ast.parse(text)):
+    for node in _statements(ast.parse(text).body):
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -120,6 +120,16 @@ def _imports(path: Path) -> tuple[set[str], bool]:
     )
     packages = {name.rsplit(".", n)[0] for name in names for n in range(1, name.count(".") + 1)}
     return names | packages, is_open_ended
+
+
+def _statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
+    """All statements, those within others too; no expressions, which are most of a syntax tree."""
+    for node in body:
+        yield node
+        for name in ("body", "orelse", "finalbody"):
+            yield from _statements(getattr(node, name, []))
+        for part in [*getattr(node, "handlers", []), *getattr(node, "cases", [])]:
+            yield from _statements(part.body)
 
 
 class _KeyPickler(pickle.Pickler):
