@@ -156,7 +156,7 @@ def test_presses_that_the_solver_gives_up_on_are_drawn_again(coarse_board, monke
 
 @pytest.fixture(scope="module")
 def cluster_of():
-    """Makes clusters whose worker processes come from one that has imported what they need: alone each takes seconds."""
+    """Makes clusters whose workers are forked by one process that has imported what they need: that takes seconds."""
     distributed = pytest.importorskip("distributed")
     import dask
 
