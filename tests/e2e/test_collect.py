@@ -38,9 +38,10 @@ from ruffini.sim.bodies.platform_unit import PlatformUnit
 from ruffini.sim.pad import PadModel, surface_compliance
 from ruffini.sim.settings import load_twin
 
+SLOW_LINE = 1e5  # bytes a second of simulated time, for pictures: each sixth frame's
 FACTS = {"board": "tiny", "program": "grid", "seed": 1}
 LIMITS = Limits(0.006, 0.005, 0.002, -0.0015, 0.001, 5.0, near_m=0.0003)
-PLAN = plan("grid", Span(0.0045, 0.0035, 0.0009, 0.0008), 9, seed=1)
+PLAN = plan("grid", Span(0.0045, 0.0035, 0.0009, 0.0008), 7, seed=1)
 STRAIGHT = plan("balls", Span(0.003, 0.002, 0.0004, 0.0), 4, seed=1)
 
 
@@ -58,7 +59,9 @@ def bench(
             stack, twin.board, program, TwinOptions(machine, mount=mount, is_hurried=True), twin.unit
         )
         simulated.parts.sensor.flash(twin.calibration)
-        parts = replace(simulated.parts, pace=simulated.parts.pace._replace(stall_s=stall_s))
+        parts = replace(
+            simulated.parts, pace=simulated.parts.pace._replace(stall_s=stall_s, image_bytes_per_s=SLOW_LINE)
+        )
         yield stack.enter_context(ready_bench(parts, twin.board, LIMITS)), simulated
 
 
@@ -106,7 +109,7 @@ def test_touches_are_collected_kept_and_gone_on_with(bench_twin: Twin, tmp_path:
         with pytest.raises(InputError, match="begun with another seed"):
             LogWriter(out, {**FACTS, "seed": 2})
         collect(b, PLAN, LogWriter(out, FACTS), tell=told.append)
-    assert [p.n_done for p in told] == list(range(3, 10))
+    assert [p.n_done for p in told] == list(range(3, len(PLAN) + 1))
     assert told[-1].remaining_s == 0
     log = read_log(out)
     assert log.facts == FACTS
@@ -286,7 +289,9 @@ def test_another_programs_csv_with_a_drifting_clock(bench_twin: Twin, tmp_path: 
         )
         assert isinstance(parts, SensorParts)
         parts.sensor.flash(bench_twin.calibration)
-        watched = stack.enter_context(watched_stream(parts.sensor, bench_twin.board, parts.pace))
+        watched = stack.enter_context(
+            watched_stream(parts.sensor, bench_twin.board, parts.pace._replace(image_bytes_per_s=SLOW_LINE))
+        )
         record(watched.stream, parts.person, log, watched.session)
     (tmp_path / "no_time.csv").write_text(csv.read_text().replace("time_s", "when", 1))
     with pytest.raises(InputError, match="no column of time"):
@@ -319,7 +324,10 @@ def coarse_ftouch(folder: Path) -> Board:
     return find_board(folder)
 
 
-def test_the_conditions_of_a_rigid_connector_reach_the_log_with_its_targets(tmp_path: Path) -> None:
+def test_the_conditions_of_a_rigid_connector_reach_the_log_with_its_targets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ruffini.rig.emulated_person.LOAD_FRAMES", 36)
     board = coarse_ftouch(tmp_path)
     settings, pad = load_twin(board), board.pad
     assert settings.platform is not None

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from test_bench_file import GRAMS_A_NEWTON, LIMITS, Desk, held
+from test_bench_file import FEW_PICTURES, GRAMS_A_NEWTON, LIMITS, Desk, held
 from tiny_twin import Twin
 
 from ruffini import host_clock
@@ -41,7 +41,7 @@ class Truth:
 def test_presses_on_a_scale_find_a_pad_that_is_stiffer_than_its_board_says(
     bench_twin: Twin, tmp_path, monkeypatch, capsys
 ) -> None:
-    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, 1e6))
+    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, FEW_PICTURES))
     unit = bench_twin.unit
     model = replace(unit.model, modulus_pa=unit.model.modulus_pa * STIFFER)
     stiff = TwinUnit(unit.board, unit.twin, model, unit.compliance / STIFFER)

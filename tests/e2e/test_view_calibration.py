@@ -17,7 +17,7 @@ import pytest
 from browser import Evaluates, sensor_of, viewer, wait_for
 from hang import HANG_S, Patience
 from playwright.sync_api import Page
-from test_bench_file import Desk
+from test_bench_file import FEW_PICTURES, Desk
 from test_kitchen_scale import STIFFER, Truth
 from tiny_twin import Twin
 
@@ -114,7 +114,7 @@ class BrisklyPaced(FrameClock):
 def slow_is_fine(monkeypatch: pytest.MonkeyPatch) -> None:
     """The twin shares its computer with everything else."""
     monkeypatch.setattr("test_bench_file.FrameClock", BrisklyPaced)
-    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, 1e6))
+    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, FEW_PICTURES))
     fewer = partial(ScaleCalibration, n_error_touches=ERROR_TOUCHES)
     monkeypatch.setattr("ruffini.view.scale_calibration.ScaleCalibration", fewer)
 

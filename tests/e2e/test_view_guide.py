@@ -15,7 +15,7 @@ import pytest
 from browser import colours_in, sensor_of, wait_for
 from hang import HANG_S
 from playwright.sync_api import Page
-from test_bench_file import GRAMS_A_NEWTON, LIMITS, TEXT, Desk, held
+from test_bench_file import FEW_PICTURES, GRAMS_A_NEWTON, LIMITS, TEXT, Desk, held
 from tiny_twin import Twin
 
 from ruffini.rig.emulated_person import EmulatedPerson
@@ -75,7 +75,7 @@ class RealPace(FrameClock):
 @pytest.fixture
 def person(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowPerson]:
     """At a terminal that nobody types on."""
-    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, 1e6))
+    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, FEW_PICTURES))
     monkeypatch.setattr("test_bench_file.FrameClock", RealPace)
     monkeypatch.setitem(HandPress.press.__kwdefaults__, "timeout_s", LONG_S)
     someone = SlowPerson()
