@@ -3,7 +3,6 @@
 import errno
 import fcntl
 import hashlib
-import multiprocessing.forkserver
 import os
 import signal
 from io import BytesIO
@@ -171,7 +170,6 @@ def cluster_of():
             )  # fmt: skip
 
         yield make
-        multiprocessing.forkserver._forkserver._stop()  # else its processor time is nobody's
 
 
 def test_a_killed_dask_worker_loses_nothing_and_doubles_nothing(coarse_board, cluster_of, tmp_path):
