@@ -66,7 +66,7 @@ def test_presses_on_a_scale_find_a_pad_that_is_stiffer_than_its_board_says(
 
     with desk.running():
         start_s = host_clock.now()
-        _, log = desk.collect(monkeypatch, SCALE + LIMITS, "--program", "scale", "--grams", "100,200,300", "--n", 13,
+        _, log = desk.collect(monkeypatch, SCALE + LIMITS, "--program", "scale", "--grams", "100,200,300", "--n", 15,
                               "--tip", "ball")  # fmt: skip
         took_s = host_clock.now() - start_s
         assert log.facts["tip"] == {"name": "ball"}

@@ -198,10 +198,10 @@ def test_from_the_button_to_newtons_and_back(
             before = force_errors(desk, page, person, truth, n=2)
             start_s = host_clock.now()
             ask(page, address)
-            fill(page, "100, 200, 300", "7")  # a gate wants ten
+            fill(page, "100, 200, 300", "9")  # a gate wants ten
             follow(page, person, heard)
             refused = passed = step_of(page)
-            for _ in range(MOST_ROUNDS):  # as a person does: how well 13 presses tell the modulus is a matter of chance
+            for _ in range(MOST_ROUNDS):  # as a person does: how well 15 presses tell the modulus is a matter of chance
                 choose(page, "Press 6 more")
                 follow(page, person, heard)
                 if (passed := step_of(page))["said"] == "Passes its gates":
