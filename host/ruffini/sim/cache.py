@@ -26,7 +26,7 @@ from ruffini.sim.pad import PadModel, surface_compliance
 
 Array = npt.NDArray[np.float64]
 
-KEPT_BYTES = 3 << 29  # compliances; 260 MB each at the default mesh, 800 MB at gelslim-dense's
+KEPT_BYTES = 3 << 29  # compliances; 260 MB each at the default mesh, 800 MB at the finest board's
 # What a contact at finite strain depends on, beside the indenters.
 MECHANICS = ("complementarity", "contact", "finite", "hex27", "pad", "pose", "response", "slices", "surface")
 SHA_BYTES = 32
