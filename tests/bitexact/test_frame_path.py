@@ -275,7 +275,8 @@ def test_solve_on_random_displacements(is_finite: bool) -> None:
 
 def test_wrong_and_missing_nodes_are_filled() -> None:
     """A smooth dent of which some nodes are off and some not measured: the mirror's integers, near the dent."""
-    text = board_with_all_stages(2).replace("n_x = 9\nn_y = 7", "n_x = 29\nn_y = 22")  # test_stated_uncertainty shares its operator
+    # The operator of test_stated_uncertainty.
+    text = board_with_all_stages(2).replace("n_x = 9\nn_y = 7", "n_x = 29\nn_y = 22")
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     kind = kept(make_operator, typed, method="support", noise=Noise((5e-5, 5e-5, 2e-4)))
     file = pack(

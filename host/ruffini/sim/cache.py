@@ -26,7 +26,7 @@ from ruffini.sim.pad import PadModel, surface_compliance
 
 Array = npt.NDArray[np.float64]
 
-KEPT_BYTES = 3 << 29  # compliances; 260 MB each at the default mesh, 800 MB at a dense one
+KEPT_BYTES = 3 << 29  # compliances; 260 MB each at the default mesh, 800 MB at the finest board's
 # What a contact at finite strain depends on, beside the indenters.
 MECHANICS = ("complementarity", "contact", "finite", "hex27", "pad", "pose", "response", "slices", "surface")
 SHA_BYTES = 32
@@ -115,11 +115,11 @@ def _write(path: Path, save: Callable[[IO[bytes]], None], kept_bytes: int) -> No
         except OSError:
             os.unlink(temporary)
             raise
-        found = [(file.stat(), file) for file in path.parent.glob(f"*{path.suffix}")]
+        found = [(kept.stat(), kept) for kept in path.parent.glob(f"*{path.suffix}")]
         total = 0
-        for state, file in sorted(found, key=lambda one: one[0].st_mtime, reverse=True):
+        for state, kept in sorted(found, key=lambda one: one[0].st_mtime, reverse=True):
             total += state.st_size
             if total > kept_bytes:
-                file.unlink(missing_ok=True)
+                kept.unlink(missing_ok=True)
     except OSError:
         return  # a cache that cannot be written is no error

@@ -30,7 +30,7 @@ def places() -> Array:
 
 
 def lit(kind: str, at: Array) -> Array:
-    """Grey levels without noise. Reflective: far beyond white in the middle, where the camera saturates, and a halo of three radii round it."""
+    """Without noise. Reflective: far beyond white in the middle, which saturates, and a halo of three radii."""
     y, x = np.mgrid[:240, :320].astype(float)
     level = {"black": 140.0, "white": 90.0, "reflective": 50.0}[kind] * (1 + 0.1 * (x / 320 - 0.5))
     for place in at:

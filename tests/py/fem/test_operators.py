@@ -5,7 +5,7 @@ import pytest
 
 from ruffini.errors import InputError
 from ruffini.fem.condense import condense, surface_stiffness
-from ruffini.fem.operators import METHODS, Noise, force_operator, observed_nodes
+from ruffini.fem.operators import METHODS, Noise, depth_modes, force_operator, observed_nodes
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import solve_on_support, support_system
 from ruffini.reflection import dense_from_blocks, spd_inverse
@@ -101,6 +101,24 @@ def test_the_second_pass_finds_the_seen_part_of_a_contact_that_goes_on():
     found = solve_on_support(system, u, linear @ u, mask.ravel(), threshold_n=1e-3).reshape(9, 8, 3)
     # Three columns of the six are seen; taken as free of force beyond, they would have to carry all.
     np.testing.assert_allclose(found.sum(axis=(0, 1)), force[:, :8].sum(axis=(0, 1)), atol=0.1 * 9 * 0.02)
+
+
+def test_the_second_passes_equations_of_a_whole_pad_are_those_of_its_noise():
+    """Made in parity classes; here H = D C R^-1 C D and D C R^-1 as they are written."""
+    condensed, seen = condense(SLAB), np.ones(3 * SLAB.n_nodes, dtype=bool)
+    linear = force_operator(SLAB, "optimal", noise=NOISE)
+    system = support_system(condensed, NOISE, seen, linear)
+    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+    modes, white = depth_modes(SLAB, NOISE), np.tile(np.square(NOISE.sigma_m), SLAB.n_nodes)
+    project = compliance @ np.linalg.inv(np.diag(white) + modes @ modes.T)
+    normal = project @ compliance
+    scale = 1 / np.sqrt(np.diag(normal))
+    np.testing.assert_allclose(system.scale_n, scale, rtol=1e-6)
+    np.testing.assert_allclose(system.normal, normal * np.outer(scale, scale), atol=1e-6)
+    size = np.abs(system.project).max()
+    np.testing.assert_allclose(system.project / size, project * scale[:, None] / size, atol=1e-6)
+    deviation = (np.sqrt(np.square(linear) @ white) / scale).reshape(-1, 3)
+    assert system.shear_noise == pytest.approx(np.median(deviation[:, :2]), rel=1e-6)
 
 
 def test_unknown_method_and_weight_are_refused():
