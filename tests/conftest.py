@@ -28,7 +28,7 @@ from ruffini.device import ports
 from ruffini.estimators.material import model as material
 
 COSTS = "module_seconds.json"
-SYSTEMS_BYTES = 800_000_000  # kept by a worker: the nine of a gelslim
+SYSTEMS_BYTES = 500_000_000  # kept by a worker
 _seconds: dict[str, float] = defaultdict(float)
 _processor_s: list[float] = []  # of each worker with the processes that it started; a busy computer changes it little
 

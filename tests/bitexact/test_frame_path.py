@@ -303,6 +303,10 @@ def test_wrong_and_missing_nodes_are_filled() -> None:
             assert np.array_equal(core.raw("displacement").reshape(-1, 3), expected)
             assert np.abs(core.raw("displacement") - smooth).max() < 240  # 30 um
             n_filled += int((filled > 0).sum())
+        u = smooth.copy()
+        u.reshape(-1, 3)[corners] += 1600
+        core.solve(u.reshape(1, -1, 3))
+        assert np.array_equal(core.raw("displacement").reshape(-1, 3), repaired_nodes(board, u.astype(np.int64))[0])
         u = np.full((1, shape[0] * shape[1], 3), -32768, np.int16)
         assert not core.solve(u).any()
         assert not core.raw("displacement").any()

@@ -32,8 +32,6 @@ class Evaluates(Protocol):
 
     def evaluate(self, expression: str) -> Any: ...
 
-    def wait_for_timeout(self, timeout: float) -> None: ...
-
 
 @contextlib.contextmanager
 def chromium() -> Iterator[Browser]:

@@ -47,9 +47,6 @@ class FirefoxPage:
             raise AssertionError(f"{expression}: {told['exceptionDetails']['text']}")
         return json.loads(told["result"]["value"])
 
-    def wait_for_timeout(self, timeout: float) -> None:
-        self._loop.run_until_complete(asyncio.sleep(timeout * 1e-3))  # milliseconds, as Playwright's
-
     def _command(self, method: str, **params: Any) -> Any:
         return self._loop.run_until_complete(asyncio.wait_for(self._ask(method, params), HANG_S))
 

@@ -21,7 +21,7 @@ from ruffini.frame_server import FrameServer
 
 EVERYTHING = {"wrench": 1, "field": 1, "depth": 1, "contacts": 1, "markers": 1, "image": 1}
 RESIDENT_MIB = {320: 24, 640: 41}  # of the board's 512
-N_READ = 24
+N_READ = 60
 N_PICTURES = 12  # more than rest is learned from: no camera sends a picture twice
 
 

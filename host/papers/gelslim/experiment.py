@@ -16,7 +16,7 @@ import numpy.typing as npt
 from papers.drawing import METHOD, OURS, TRUTH, plots, save
 from papers.experiments import Experiment, Figure, Options
 from papers.gelslim.bench import errors, last_frame, paper_methods
-from papers.gelslim.shear_bound import compliance_at_nodes, told_error
+from papers.gelslim.shear_reference import compliance_at_nodes, reference_error
 from papers.judged import default_folder
 from papers.recorded import Recorded, recorded_runs, shape_of
 from ruffini.boards import Board
@@ -65,7 +65,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     options.progress(0.95)
     result: dict[str, Any] = {
         "simulated": True, "board": board.name, "quick": options.quick, "ridge_weight": weight, "states": rows,
-        "cored": cored, "told": _told(board, runs),
+        "cored": cored, "reference": _reference(board, runs),
     }  # fmt: skip
     return Experiment(result, _text(result), _draw(out, cored), figures(result))
 
@@ -86,15 +86,15 @@ def _name(run: Recorded) -> str:
     return shape_of(run) if run.set_name == "objects" else run.set_name
 
 
-def _told(board: Board, runs: list[Recorded]) -> dict[str, float]:
-    """`shear_bound` of the shown objects that are pressed straight."""
+def _reference(board: Board, runs: list[Recorded]) -> dict[str, float]:
+    """Error of `shear_reference` on the shown objects that are pressed straight."""
     shown = {_name(run): last_frame(run) for run in runs if run.part == "show"}
     straight = {n: s for n, s in shown.items() if np.linalg.norm(s[1][..., :2]) < STRAIGHT * np.linalg.norm(s[1])}
     if not straight:
         return {}
     compliance = compliance_at_nodes(TwinUnit.build(board))
     noise_m = 1e-6 * np.array(load_reproduce(board).rig.displacement_noise_um, dtype=float)
-    return {name: told_error(board, compliance, noise_m, *state) for name, state in straight.items()}
+    return {name: reference_error(board, compliance, noise_m, *state) for name, state in straight.items()}
 
 
 def _rigid_soft(board: Board, run: Recorded, found: dict[str, Array]) -> dict[str, Any]:
@@ -136,9 +136,8 @@ def figures(result: dict[str, Any]) -> dict[str, Figure]:
                 out[f"{row['state']}, {what} field"] = Figure(row["ours"][what], row["ridge"][what])
     for name, ball in result["cored"].items():
         out[f"{name}, shear over radius"] = Figure(ball["error"]["ours"], ball["error"]["ridge"])
-    if "rigid_soft" in result["cored"]:
-        middle = result["cored"]["rigid_soft"]["inner_over_outer"]
-        out["rigid_soft, inner over outer shear"] = Figure(middle["ours"], middle["ridge"])
+        middle = ball["inner_over_outer"]
+        out[f"{name}, inner over outer shear"] = Figure(middle["ours"], middle["ridge"])
     return out
 
 
@@ -154,9 +153,9 @@ def _text(result: dict[str, Any]) -> str:
         f"{result['ridge_weight']:g}",
         *aligned(head, cells, "  "),
     ]
-    for name, told in result["told"].items():
+    for name, error in result["reference"].items():
         lines.append(
-            f"  {name}: an estimator that is told all but the shear errs by {told:.2f} in the tangential field"
+            f"  {name}, tangential: {error:.2f} by an estimator that knows mechanics, normal force and contact"
         )
     for name, ball in result["cored"].items():
         each = ", ".join(f"{method} {value:.2f}" for method, value in ball["inner_over_outer"].items())

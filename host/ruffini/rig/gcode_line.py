@@ -14,6 +14,7 @@ from ruffini.rig.stage import Rotary
 BAUD = 115200
 ANSWER_S, HOME_S = 15.0 * PATIENCE, 120.0 * PATIENCE  # a long move of a machine that does not say "busy" answers late
 TURN_S = 60.0 * PATIENCE  # through 120 degrees on both axes, slowly
+SEND_S = 2.0 * PATIENCE
 POLL_S = 0.005
 MAX_LINE_BYTES = 512
 
@@ -28,7 +29,7 @@ class GcodeLine:
         self._partial = b""
         self._lines: deque[str] = deque()
         try:
-            self._serial = serial.Serial(port, baudrate=baud, timeout=POLL_S, write_timeout=2.0, exclusive=True)
+            self._serial = serial.Serial(port, baudrate=baud, timeout=POLL_S, write_timeout=SEND_S, exclusive=True)
         except (serial.SerialException, OSError, ValueError) as error:
             raise NoDeviceError(f"{port} cannot be opened: {error}: is the machine switched on, and free?") from error
 

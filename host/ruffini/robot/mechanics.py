@@ -19,7 +19,7 @@ import numpy.typing as npt
 from scipy.linalg.lapack import dposv, dpotrf, dpotrs
 
 from ruffini.boards import Board
-from ruffini.errors import InputError
+from ruffini.errors import InputError, RuffiniError
 from ruffini.sim.complementarity import nonnegative
 from ruffini.sim.settings import MeshSettings, load_twin
 from ruffini.sim.surface import hat_shares
@@ -29,10 +29,11 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 NODES_PER_THICKNESS = 4  # a pressure that varies faster hardly moves the pad
-KEPT_SETS = 512  # active sets that come again
+KEPT_SETS = 256  # active sets that come again
 MAX_ROUNDS = 30  # of the active set; if it cycles, a solver that always ends takes over
 SLIDER_ROUNDS = 6  # of what sticks taking over from what slips; the rest follows in the next steps
 OPEN_M = 1e-9  # gap that is rounding
+NOT_DEFINITE = "the robot's pad has a compliance that is not positive definite: its mesh is too fine"
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,10 @@ class _Set:
         if not moved.size:
             return np.zeros(0)
         if axis not in self._factors:
-            self._factors[axis] = dpotrf(self.own(axis).T)[0]
+            factor, failed = dpotrf(self.own(axis).T)
+            if failed:
+                raise RuffiniError(NOT_DEFINITE)
+            self._factors[axis] = factor
         return np.asarray(dpotrs(self._factors[axis], moved)[0])
 
     def sheared(self, t: Array) -> Array:
@@ -292,7 +296,10 @@ def _sliding(
         lack = asked - own.sheared(t)
         if sticks.size:
             for c in range(2):
-                t[sticks, c] = dposv(_among(own.own(c), sticks).T, lack[sticks, c], overwrite_a=1)[1]
+                _, found, failed = dposv(_among(own.own(c), sticks).T, lack[sticks, c], overwrite_a=1)
+                if failed:
+                    raise RuffiniError(NOT_DEFINITE)
+                t[sticks, c] = found
             lack = asked - own.sheared(t)
         over = ~slips & (np.hypot(t[:, 0], t[:, 1]) > limit)
         back = slips & ((lack * t).sum(axis=1) < 0)

@@ -119,7 +119,7 @@ def _write(path: Path, save: Callable[[IO[bytes]], None], kept_bytes: int) -> No
         total = 0
         for state, kept in sorted(found, key=lambda one: one[0].st_mtime, reverse=True):
             total += state.st_size
-            if total > kept_bytes:
+            if total > kept_bytes and kept != path:
                 kept.unlink(missing_ok=True)
     except OSError:
         return  # a cache that cannot be written is no error

@@ -157,7 +157,7 @@ def test_report_says_how_well_and_shows_it(fitted, tmp_path: Path) -> None:
 
 
 def test_a_reference_that_is_wrong_by_touch_and_one_that_failed_its_checks_are_refused() -> None:
-    *_, gates = kept(fit_of_log, 8, 4, gain=(1.0, 1.6), is_unit_ok=False)
+    *_, gates = kept(fit_of_log, 14, 4, gain=(1.0, 1.6), is_unit_ok=False)
     assert {"skin force", "reference unit"} <= {g.name for g in failed(gates)}
 
 

@@ -200,7 +200,12 @@ def test_a_cluster_that_goes_away_leaves_whole_shards(coarse_board, tmp_path):
     distributed = pytest.importorskip("distributed")
     larger = plan(coarse_board, n=6, shard_size=1)
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, local_directory=str(tmp_path / "w")
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp://",
+        dashboard_address=None,
+        local_directory=str(tmp_path / "w"),
     ) as cluster:
 
         def pull_the_plug(done):

@@ -1,8 +1,8 @@
-"""The shear's error where all else is told: none without noise, all of it under much noise."""
+"""Shear where all else is known: no error without noise, all of it under much noise."""
 
 import numpy as np
 import pytest
-from papers.gelslim.shear_bound import _linear, told_error
+from papers.gelslim.shear_reference import _linear, reference_error
 
 from ruffini.boards import find_board
 
@@ -24,16 +24,16 @@ def test_it_grows_with_the_noise(pressed, noise_um, least, most):
     board, compliance, force = pressed
     noise_m = np.full(3, 1e-6 * noise_um)
     noise = np.random.default_rng(4).normal(size=force.shape) * noise_m
-    assert least <= told_error(board, compliance, noise_m, COMPLIANCE * force + noise, force) <= most
+    assert least <= reference_error(board, compliance, noise_m, COMPLIANCE * force + noise, force) <= most
 
 
-def test_normal_force_is_told(pressed):
+def test_normal_force_is_known(pressed):
     board, compliance, force = pressed
     coupled = compliance.copy()
     coupled[0::3, 2::3] += 0.5 * COMPLIANCE * np.eye(force.size // 3)  # normal force moves nodes along x, too
     seen = (coupled @ force.ravel()).reshape(force.shape)
-    assert told_error(board, coupled, np.full(3, 1e-9), seen, force) < 0.01
-    assert told_error(board, compliance, np.full(3, 1e-9), seen, force) > 1
+    assert reference_error(board, coupled, np.full(3, 1e-9), seen, force) < 0.01
+    assert reference_error(board, compliance, np.full(3, 1e-9), seen, force) > 1
 
 
 def test_between_nodes_a_linear_function_is_exact():

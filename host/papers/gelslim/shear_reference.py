@@ -1,8 +1,7 @@
-"""What is left of the shear's error where all else is told: a limit for presses whose shear is small beside the noise.
+"""Shear by a reference estimator that knows the twin's mechanics, the normal forces and the contact nodes.
 
-The estimator is told the twin's mechanics, the normal forces and the nodes that touch. It has a Gaussian prior whose
-correlation length, weight and relation to the pressure are those that fit the truth best. No estimator has that; one
-whose prior knows more of the shear (ours is fitted to touches like these) may still err by a little less.
+It is Bayesian, with a Gaussian prior of the shear whose correlation length, deviation and relation to the pressure are
+chosen by the truth. No bound: a prior that knows more of the shear, such as one of similar touches, may err by less.
 """
 
 from __future__ import annotations
@@ -41,8 +40,8 @@ def _linear(nodes: Array, at: Array) -> sp.csr_matrix:
     return sp.csr_matrix((np.r_[1 - part, part], (np.r_[rows, rows], np.r_[left, left + 1])), (len(at), len(nodes)))
 
 
-def told_error(board: Board, compliance: Array, noise_m: Array, displacement: Array, force: Array) -> float:
-    """Least relative error of the tangential field over all priors; displacement and force (n_y, n_x, 3)."""
+def reference_error(board: Board, compliance: Array, noise_m: Array, displacement: Array, force: Array) -> float:
+    """Relative error of the tangential field with the best prior; displacement in m, force in N, (n_y, n_x, 3)."""
     true = force.reshape(-1, 3)
     touched = np.flatnonzero(-true[:, 2] > TOUCHED * -true[:, 2].min())
     pressure = -true[touched, 2]
