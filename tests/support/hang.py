@@ -1,7 +1,8 @@
 """Guards against a test that hangs: far beyond what anything takes, never an expectation.
 
-Time for which a thread of the test, or of a process that it started, was ready and had no core does not count: on a
-computer with twenty programs for two cores all takes ten times as long, and nothing hangs.
+Time for which threads of the test, or of a process that it started, were ready and had no core does not count: on a
+computer with twenty programs for two cores all takes ten times as long, and nothing hangs. It is summed over threads,
+since a frame goes from one to the next and waits for a core at each.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 HANG_S = 120.0
+MOST = 10  # times as long, at most: on a busy computer threads that only look round lose time for ever
 LOOK_S = 0.002  # between two looks at what is awaited
 LEAST_S = 0.1  # between two looks at whether it hangs
 FIRST_S = 1.0  # before it, nobody looks: most waits are over, and a look reads a file of each thread
@@ -35,8 +37,8 @@ class Patience:
         """Seconds that the test may still wait."""
         now = _without_core_s()
         before = self._before = now if self._before is None else self._before
-        lost_s = max((s - before.get(thread, 0) for thread, s in now.items()), default=0)
-        return HANG_S + lost_s - (time.monotonic() - self._start_s)
+        lost_s = sum(max(s - before.get(thread, 0), 0) for thread, s in now.items())
+        return min(HANG_S + lost_s, MOST * HANG_S) - (time.monotonic() - self._start_s)
 
     def is_over(self) -> bool:
         """May be asked often."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -22,6 +23,18 @@ ResumeOption = Annotated[
 ]
 BoardOption = Annotated[str, typer.Option("--board", help="Board name, or a folder with a board.toml.")]
 StrainOption = Annotated[str, typer.Option("--strain", help="finite for a real pad, or linear.")]
+MOST_WORKERS = 8  # a process takes half a gigabyte
+WorkersOption = Annotated[
+    int | None, typer.Option("--workers", min=1, help=f"Processes (default: one a core, at most {MOST_WORKERS}).")
+]
+
+
+def n_workers_of(asked: int | None) -> int:
+    """What was given as WorkersOption, or one for each core that this process may use, as far as the system says."""
+    if asked is not None:
+        return asked
+    n_cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(n_cores, MOST_WORKERS)
 
 
 def is_finite(strain: str) -> bool:

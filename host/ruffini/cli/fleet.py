@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, StrainOption, emit, is_finite, note, progress_bar
+from ruffini.cli.common import (
+    BoardOption,
+    JsonFlag,
+    StrainOption,
+    WorkersOption,
+    emit,
+    is_finite,
+    n_workers_of,
+    note,
+    progress_bar,
+)
 
 
 def fleet(
@@ -21,7 +30,7 @@ def fleet(
         Path | None, typer.Option("--with", help="Calibration with the colours that recordings are seen with.")
     ] = None,
     strain: StrainOption = "linear",
-    n_workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes. Default: all cores.")] = None,
+    workers: WorkersOption = None,
     dask: Annotated[str | None, typer.Option("--dask", help="Address of a Dask scheduler, for --workers.")] = None,
     json_: JsonFlag = False,
 ) -> None:
@@ -35,9 +44,10 @@ def fleet(
     from ruffini.files import write_whole
 
     found, at_finite = find_board(board), is_finite(strain)
-    count = n_workers or os.cpu_count() or 1
     with progress_bar("units") as progress:
-        made = fit_fleet(logs, found, given, is_finite=at_finite, n_workers=count, dask=dask, progress=progress)
+        made = fit_fleet(
+            logs, found, given, is_finite=at_finite, n_workers=n_workers_of(workers), dask=dask, progress=progress
+        )
     tree = made.report()
     write_fleet_page(out, found, made)
     write_whole(out.with_suffix(".json"), json.dumps(tree, indent=1).encode() + b"\n")

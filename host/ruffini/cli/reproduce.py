@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import importlib
-import os
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, WorkersOption, emit, n_workers_of, note, progress_bar
 from ruffini.errors import InputError
 from ruffini.older_python import StrEnum
 
 PAPER_BENCH = "reproduce.toml"
-MOST_WORKERS = 8  # a process takes half a gigabyte
-
-
-def _n_cores() -> int:
-    """Those that this process may use, as far as the system says."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Use(NamedTuple):
@@ -64,17 +57,12 @@ def reproduce(
         bool, typer.Option("--check", help="Compare the figures with frozen.toml: exit code 1 if one is worse.")
     ] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer runs: not the figures of the README.")] = False,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help=f"Processes that record, threads that play (default: one a core, at most {MOST_WORKERS})."
-        ),
-    ] = None,
+    workers: WorkersOption = None,
     json_: JsonFlag = False,
 ) -> None:
     """Play the bench of the board's paper on the twin: tables and figures, ours beside the paper's. SIMULATED."""
     note(f"reproduce: the {only} of {board or 'every board'} on the SIMULATED sensor")
-    use, n_workers = Use(freeze, check), workers or min(_n_cores(), MOST_WORKERS)
+    use, n_workers = Use(freeze, check), n_workers_of(workers)
     if only is Part.METHOD:
         _method(board, recordings, use, quick, n_workers, json_)
         return
@@ -93,7 +81,7 @@ def sim_reproduce(
     out: Annotated[Path, typer.Option("--out")],
     bench: Annotated[str, typer.Option()] = PAPER_BENCH,
     quick: Annotated[bool, typer.Option("--quick")] = False,
-    workers: Annotated[int | None, typer.Option(min=1)] = None,
+    workers: WorkersOption = None,
     json_: JsonFlag = False,
 ) -> None:
     """`reproduce --only recordings` under its former name."""
@@ -105,7 +93,7 @@ def papers_of_bench(
     recordings: Annotated[Path | None, typer.Option("--recordings")] = None,
     freeze: Annotated[bool, typer.Option("--freeze")] = False,
     quick: Annotated[bool, typer.Option("--quick")] = False,
-    workers: Annotated[int | None, typer.Option(min=1)] = None,
+    workers: WorkersOption = None,
     json_: JsonFlag = False,
 ) -> None:
     """`reproduce --only method` under its former name."""

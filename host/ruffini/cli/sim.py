@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, WorkersOption, emit, n_workers_of, note, progress_bar
 from ruffini.errors import InputError
 
 
@@ -89,7 +89,7 @@ def dataset(
     out: Annotated[Path, typer.Option("--out", help="Folder; run the same command again to go on with it.")],
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 1,
     shard_size: Annotated[int, typer.Option(help="Samples in one HDF5 file.")] = 64,
-    workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
+    workers: WorkersOption = None,
     dask: Annotated[str | None, typer.Option("--dask", help="Address of a Dask scheduler, for --workers.")] = None,
     scale_modulus: Annotated[float, typer.Option(help="True modulus over the board's.")] = 1.0,
     scale_poisson: Annotated[float, typer.Option(help="True Poisson's ratio over the board's.")] = 1.0,
@@ -106,7 +106,7 @@ def dataset(
     error = PadError(scale_modulus, scale_poisson, scale_thickness)
     plan = Plan.of(find_board(board), n=n, shard_size=shard_size, seed=seed, error=error)
     with progress_bar("samples") as progress:
-        outcome = make_dataset(plan, out, n_workers=workers, dask=dask, progress=progress)
+        outcome = make_dataset(plan, out, n_workers=n_workers_of(workers), dask=dask, progress=progress)
     rate = outcome.n_samples_made / outcome.took_s if outcome.n_samples_made else None
     result = {
         "folder": str(out), "samples": plan.n, "shards": plan.n_shards, "shards_made": outcome.n_made,

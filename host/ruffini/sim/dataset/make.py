@@ -70,7 +70,7 @@ def _results(plan: Plan, todo: list[int], n_workers: int, dask: str | None) -> w
     if dask is not None:
         return workers.on_dask(plan, todo, dask)
     build_unit(plan.board(), plan.error(), twin=plan.twin())  # once, into the cache that the workers share
-    if n_workers > 1:
+    if min(n_workers, len(todo)) > 1:
         return workers.in_processes(plan, todo, n_workers)
     return workers.in_process(plan, todo)
 
