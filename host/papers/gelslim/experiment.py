@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 METHODS = ("ours", "raw", "ridge")
 RESTS = ("tangential", "normal", "resultant", "shear_over_normal")
 STRAIGHT = 0.1  # shear over force of a press whose shear is near the noise
-CORED = ("rigid_soft", "rigid_soft_held")  # the rigid-soft ball of Fig. 1, that slides and that sticks
+CORED = {"rigid_soft": "it slides", "rigid_soft_held": "it sticks"}  # the rigid-soft ball of Fig. 1
 RING_MM = 0.5  # of the profile of shear over radius
 LEAST_NODES = 4  # in a ring that counts
 
@@ -171,7 +171,7 @@ def _draw(out: Path, cored: dict[str, Any]) -> list[Path]:
     for axis, (set_name, ball) in zip(axes[0], cored.items(), strict=True):
         for name, colour in (("truth", TRUTH), ("ours", OURS), ("ridge", METHOD)):
             axis.plot(ball["radius_mm"], 1e3 * np.array(ball["shear_n"][name]), "o-", color=colour, label=name)
-        axis.set_title(set_name)
+        axis.set_title(CORED[set_name])
         axis.set_xlabel("from the middle of the contact, mm")
     axes[0, 0].set_ylabel("tangential force of a node, mN")
     axes[0, 0].legend()

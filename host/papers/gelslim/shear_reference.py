@@ -34,10 +34,7 @@ def compliance_at_nodes(unit: TwinUnit) -> Array:
 
 def _linear(nodes: Array, at: Array) -> sp.csr_matrix:
     """Values at `at` of a function that is linear between the nodes, (len(at), len(nodes))."""
-    left = np.clip(np.searchsorted(nodes, at) - 1, 0, len(nodes) - 2)
-    part = (at - nodes[left]) / (nodes[left + 1] - nodes[left])
-    rows = np.arange(len(at))
-    return sp.csr_matrix((np.r_[1 - part, part], (np.r_[rows, rows], np.r_[left, left + 1])), (len(at), len(nodes)))
+    return sp.csr_matrix(np.stack([np.interp(at, nodes, row) for row in np.eye(len(nodes))], axis=1))
 
 
 def reference_error(board: Board, compliance: Array, noise_m: Array, displacement: Array, force: Array) -> float:

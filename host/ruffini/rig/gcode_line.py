@@ -40,7 +40,9 @@ class GcodeLine:
         try:
             self._serial.write(data)
         except (serial.SerialException, OSError) as error:
-            raise NoDeviceError(f"{self.port}: the machine was unplugged: {error}") from error
+            raise NoDeviceError(
+                f"{self.port}: the machine takes no bytes, or was unplugged: {error}: check its power and cable"
+            ) from error
 
     def next_line(self) -> str | None:
         """The next line that came, None after POLL_S without one; raises as `send`."""

@@ -104,7 +104,7 @@ class PadSolid:
         return self.unit.model.size_x_m / 2, self.unit.model.size_y_m / 2
 
 
-class _Set:
+class _NodeSet:
     """Nodes of a pad by themselves: compliances x to x, y to y, z to z, and their Cholesky factors, once needed."""
 
     def __init__(self, mean: Array, nodes: Indices) -> None:
@@ -169,7 +169,7 @@ class PadContact:
     slips: npt.NDArray[np.bool_] = field(init=False)
     _was_touched: npt.NDArray[np.bool_] = field(init=False)
     _stretch: Array = field(init=False)  # (n, 2) m that each node's slider has stretched the pad
-    _kept: OrderedDict[bytes, _Set] = field(init=False, default_factory=OrderedDict)
+    _kept: OrderedDict[bytes, _NodeSet] = field(init=False, default_factory=OrderedDict)
 
     def __post_init__(self) -> None:
         self._mean = self.solid.mean
@@ -197,10 +197,10 @@ class PadContact:
         else:
             self.release()
 
-    def _set(self, nodes: Indices) -> _Set:
+    def _node_set(self, nodes: Indices) -> _NodeSet:
         key = nodes.tobytes()
         if key not in self._kept:
-            self._kept[key] = _Set(self._mean, nodes)
+            self._kept[key] = _NodeSet(self._mean, nodes)
             if len(self._kept) > KEPT_SETS:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
@@ -216,7 +216,7 @@ class PadContact:
         pressure = np.zeros(0)
         for _ in range(MAX_ROUNDS):
             nodes = touched[active]
-            pressure = self._set(nodes).solve(2, depth[active])
+            pressure = self._node_set(nodes).solve(2, depth[active])
             if nodes.size and pressure.min() < 0:
                 active[np.flatnonzero(active)[pressure < 0]] = False
                 continue
@@ -245,7 +245,7 @@ class PadContact:
         stretch = self._stretch[nodes] + motion[nodes]
         asked = stretch + lead[nodes]
         limit = friction[nodes] * -self.force[nodes, 2]
-        own = self._set(nodes)
+        own = self._node_set(nodes)
         t = own.shear(asked)
         slips = np.hypot(t[:, 0], t[:, 1]) > limit
         if slips.any():
@@ -278,7 +278,7 @@ def wrench_about(place: Array, force: Array) -> Array:
 
 
 def _sliding(
-    own: _Set, asked: Array, limit: Array, last: Array, slips: npt.NDArray[np.bool_]
+    own: _NodeSet, asked: Array, limit: Array, last: Array, slips: npt.NDArray[np.bool_]
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Shear (n, 2) that gives what sticks the `asked` displacement, and is `limit` at what slips; and what slips.
 

@@ -11,6 +11,7 @@ import typer
 import typer.main
 from typer.testing import CliRunner
 
+from ruffini.cli import common
 from ruffini.cli.app import app
 from ruffini.cli.one_of import register
 
@@ -91,3 +92,9 @@ def test_what_one_call_needs_the_next_one_does_not() -> None:
     assert "board" in missing.output
     assert runner.invoke(command, ["verb", "easy"]).exit_code == 0
     assert seen == ["easy"]
+
+
+@pytest.mark.parametrize(("asked", "n_cores", "n"), [(3, 64, 3), (20, 2, 20), (None, 2, 2), (None, 64, 8)])
+def test_workers_are_as_many_as_asked_or_one_a_core_up_to_eight(monkeypatch, asked, n_cores, n):
+    monkeypatch.setattr(common.os, "sched_getaffinity", lambda _: set(range(n_cores)), raising=False)
+    assert common.n_workers_of(asked) == n

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 
@@ -10,6 +11,7 @@ from hang import until
 
 from ruffini import host_clock
 from ruffini.errors import NoDeviceError, RefusedError
+from ruffini.rig import gcode_line
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_machine import EmulatedMachine
 from ruffini.rig.grbl import Grbl
@@ -288,3 +290,14 @@ def test_a_five_axis_stage_turns_what_is_pressed_or_says_that_it_has_no_such_axi
         with pytest.raises(NoDeviceError, match=r"has not turned its axis C.*check \[holder\] axes"):
             stage.turn({"C": 10.0})
         stage.close()
+
+
+def test_a_machine_that_takes_no_bytes_is_told_in_one_sentence(monkeypatch):
+    monkeypatch.setattr(gcode_line, "SEND_S", 0.05)
+    reads_nothing, port = os.openpty()
+    line = gcode_line.GcodeLine(os.ttyname(port), gcode_line.BAUD)
+    with pytest.raises(NoDeviceError, match=r"takes no bytes, or was unplugged.*check its power and cable"):
+        line.send(b"?" * (1 << 20))
+    line.close()
+    os.close(reads_nothing)
+    os.close(port)

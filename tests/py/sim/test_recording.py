@@ -164,12 +164,16 @@ def test_cache_is_only_faster(tmp_path, monkeypatch):
         data[at] ^= 0x10
         file.write_bytes(data)
         np.testing.assert_array_equal(cache.cached_compliance(model), computed)
-    monkeypatch.setattr(cache, "KEPT_BYTES", 3 * file.stat().st_size)
+    n_bytes = file.stat().st_size
+    monkeypatch.setattr(cache, "KEPT_BYTES", 3 * n_bytes)
     for thickness in range(5):
         cache.cached_compliance(PadModel(6 * MM, 4 * MM, (4 + thickness) * MM, 2e5, 0.4, 3, 2, (0.4, 0.6)))
     assert len(list(cache.cache_folder().iterdir())) == 3
     cache.cached_compliance(PadModel(6 * MM, 4 * MM, 3 * MM, 2e5, 0.4, 2, 2, (0.4, 0.6)))
     assert len(list(cache.cache_folder().iterdir())) == 3  # with one that is smaller
+    monkeypatch.setattr(cache, "KEPT_BYTES", n_bytes // 2)
+    cache.cached_compliance(model)
+    assert list(cache.cache_folder().iterdir()) == [file]  # the newest stays, however large
     blocked = tmp_path / "file"
     blocked.write_text("no folder")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
