@@ -66,7 +66,7 @@ else
 test: build
 	@.ci/setup browser
 	@memory=$$(.ci/memory-folder); [ -z "$$memory" ] || export TMPDIR=$$memory TEST_TMPDIR=$$memory/; \
-	  set -m; nice .ci/ctest $(BUILD) $(JOBS) & cpp=$$!; { npm --prefix host/page --silent test < /dev/null > $(BUILD)/page.log 2>&1 || { echo "make: tests of the page FAILED, see $(BUILD)/page.log" >&2; false; }; } & page=$$!; set +m; failed=; \
+	  set -m; .ci/ctest $(BUILD) $(JOBS) & cpp=$$!; { npm --prefix host/page --silent test < /dev/null > $(BUILD)/page.log 2>&1 || { echo "make: tests of the page FAILED, see $(BUILD)/page.log" >&2; false; }; } & page=$$!; set +m; failed=; \
 	  trap 'kill -INT -- -$$cpp -$$page 2> /dev/null && wait $$cpp $$page || true; [ -z "$$memory" ] || rm -rf "$$memory"' EXIT; trap 'exit 130' INT TERM; \
 	  $(PYTEST) tests || failed=1; wait $$page || failed=1; cat $(BUILD)/page.log; \
 	  wait $$cpp || { failed=1; echo "make: C++ tests FAILED, see above" >&2; }; [ -z "$$failed" ]

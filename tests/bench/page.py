@@ -31,7 +31,7 @@ from ruffini.view.line import SharedLine
 from ruffini.view.server import page_folder
 from ruffini.wire import Decoder, Schema, encode_message
 
-CHROMIUM = "/usr/bin/chromium"
+CHROMIUM = "/usr/bin/chromium-headless-shell"
 SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 NO_GL = ["--no-sandbox", "--disable-gpu", "--disable-software-rasterizer"]  # the page does without three dimensions
 STEP_NM = 600_000

@@ -18,7 +18,7 @@ from told_sensor import ToldSensor
 from ruffini.view.guided import serving
 from ruffini.view.line import Line, SharedLine
 
-CHROMIUM = "/usr/bin/chromium"
+CHROMIUM = "/usr/bin/chromium-headless-shell"
 # WebGL by the processor, as without a graphics card; what else the page is put together of needs no WebGL there, which
 # would take twice the processor's time.
 SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"]
