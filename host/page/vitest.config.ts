@@ -7,5 +7,5 @@ export default defineConfig({
   root,
   server: { fs: { allow: [root] } },
   // No test is about time: a busy computer fails none.
-  test: { globals: true, testTimeout: 120_000, include: ["tests/page/**/*.test.ts"], cache: false },
+  test: { globals: true, testTimeout: 120_000, include: ["tests/page/**/*.test.ts"], cache: false, isolate: false, pool: "threads" },
 });
