@@ -45,9 +45,9 @@ def pytest_configure() -> None:
 
     Processes in the background of a shell may ignore Ctrl-C, and so does all that they start; tests send it.
 
-    A worker is a session of its own. Linux shares the processor between sessions first (sched_autogroup). In one session
-    with everything that is busy, the tests also wait for the kernel's threads outside it, which move each byte of a
-    pseudo-terminal and came to that after 20 ms instead of 0.2 beside three busy loops.
+    A worker is a session of its own: Linux shares the processor between sessions first (sched_autogroup). In one
+    session with everything that is busy, the tests also wait for the kernel's threads outside it, which move each byte
+    of a pseudo-terminal and came to that after 20 ms instead of 0.2 beside three busy loops.
     """
     os.environ["RUFFINI_TEST_CACHE"] = str(cache_folder())
     os.environ["XDG_CACHE_HOME"] = str(cache_folder() / "product")
