@@ -47,7 +47,8 @@ def pytest_configure() -> None:
 
     A worker is a session of its own: Linux shares the processor between sessions first (sched_autogroup). In one
     session with everything that is busy, the tests also wait for the kernel's threads outside it, which move each byte
-    of a pseudo-terminal and came to that after 20 ms instead of 0.2 beside three busy loops.
+    of a pseudo-terminal and came to that after 20 ms instead of 0.2 beside three busy loops. Ctrl-C reaches a worker
+    through the controller. What opens a terminal needs O_NOCTTY, or the worker ends when that terminal hangs up.
     """
     os.environ["RUFFINI_TEST_CACHE"] = str(cache_folder())
     os.environ["XDG_CACHE_HOME"] = str(cache_folder() / "product")

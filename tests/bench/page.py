@@ -1,4 +1,4 @@
-"""What the page of `ruffini view` does in Debian's Chromium: weight, first frame, fields drawn a second, delay, stages.
+"""What the page of `ruffini view` does in headless Chromium: weight, first frame, fields a second, delay, stages.
 
 A device on a pty answers as a sensor does and writes WRENCH and FIELD of 1,209 nodes (force, displacement, sigma) at
 a pace; the real server and the real page take them. Delay: from before a frame is written on the pty until the page

@@ -16,11 +16,11 @@ from ruffini.cli.app import command as tree
 from ruffini.cli.device import defaults_of_verbs
 
 ROOT = Path(__file__).parents[2]
-TEXTS = sorted(
+TEXTS = sorted(  # without those that tools put into folders such as .pytest_cache
     path
     for folder in (".", "boards", "docs", "firmware", "host", "proto", "tests")
     for path in (ROOT.glob("*.md") if folder == "." else (ROOT / folder).rglob("*.md"))
-    if "node_modules" not in path.parts
+    if "node_modules" not in path.parts and not any(part.startswith(".") for part in path.relative_to(ROOT).parts)
 )
 BLOCK = re.compile(r"^ *```([\w ]*)\n(.*?)^ *```$", re.M | re.S)
 PROGRAM = re.compile(r"(?:\.venv/bin/)?ruffini (.*)")

@@ -52,7 +52,9 @@ class GcodeLine:
             try:
                 data = self._partial + self._serial.read(self._serial.in_waiting or 1)
             except (serial.SerialException, OSError, TypeError) as error:
-                raise NoDeviceError(f"{self.port}: the machine was unplugged: {error}") from error
+                raise NoDeviceError(
+                    f"{self.port}: the machine was unplugged: {error}: check its power and cable"
+                ) from error
             *whole, self._partial = data.split(b"\n")
             self._partial = self._partial[-MAX_LINE_BYTES:]
             self._lines.extend(text for line in whole if (text := line.decode("ascii", "replace").strip()))

@@ -102,9 +102,8 @@ def test_truths_are_covered_although_the_reference_is_noisier_than_the_map() -> 
     for first in range(0, 240, 40):
         fit = kept(fit_wrench_map, recordings(first, 40))
         said = fit.map.predicted(frames)
-        size2 = (fit.map.scaled(said) ** 2).sum(axis=1)
-        constant, growing = fit.map.error
-        sigma = np.sqrt((constant**2).sum(axis=0) + size2[:, None] * (growing**2).sum(axis=0))
+        u = fit.map.scaled(said)
+        size2, sigma = (u**2).sum(axis=1), fit.map.sigma(u)
         assert (1.5 * np.median(sigma, axis=0) < REFERENCE).sum() >= 3, "the reference is the noisier one"
         ratios.append((np.abs(said - truth) / sigma)[size2 > 0.01])
     one, two = (100 * (np.concatenate(ratios) < k).mean(axis=0) for k in (1, 2))

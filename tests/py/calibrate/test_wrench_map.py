@@ -266,9 +266,7 @@ def test_the_covariance_covers_what_it_errs_by() -> None:
     fit = fitted(recordings(30, bend=0.05))
     frames = frames_of(recordings(40, bend=0.05)[30:], LAG_S)
     error = fit.map.predicted(frames) - frames.wrench
-    size = np.sqrt((fit.map.scaled(frames.features @ fit.map.gain.T) ** 2).sum(axis=1))
-    constant, growing = fit.map.error
-    sigma = np.sqrt((constant**2).sum(axis=0) + size[:, None] ** 2 * (growing**2).sum(axis=0))
+    sigma = fit.map.sigma(fit.map.scaled(frames.features @ fit.map.gain.T))
     assert (np.mean(np.abs(error) < 3 * sigma, axis=0) > 0.97).all()
     assert (np.sqrt(np.mean((error / sigma) ** 2, axis=0)) > 0.1).all()
 

@@ -111,8 +111,7 @@ def _times(prior: WrenchMap, gain: Array) -> WrenchMap:
 
 def _widened(found: WrenchMap, frames: Frames, errors: Array, touches: npt.NDArray[np.intp]) -> WrenchMap:
     """Its stated errors, larger where this unit's touches err by more: one sigma covers 68 % of the touches."""
-    size2 = (found.scaled(found.elastic(frames)) ** 2).sum(axis=1)
-    sigma = np.sqrt((found.error[0] ** 2).sum(axis=0) + size2[:, None] * (found.error[1] ** 2).sum(axis=0))
+    sigma = found.sigma(found.scaled(found.elastic(frames)))
     parts = np.abs(errors) / np.maximum(sigma, 1e-12)
     worst = np.array([parts[frames.touch == touch].mean(axis=0) for touch in touches])
     return replace(found, error=found.error * np.maximum(np.quantile(worst, ONE_SIGMA, axis=0), 1.0))

@@ -130,6 +130,11 @@ class WrenchMap:
         """u (t, 6) of the linear estimate."""
         return np.asarray(np.where(self.full > 0, y / np.where(self.full > 0, self.full, 1), 0).clip(-2, 2))
 
+    def sigma(self, u: Array) -> Array:
+        """Stated standard deviations (t, 6) of loads u (t, 6) near the features that the map was fitted to."""
+        constant, growing = (self.error**2).sum(axis=1)
+        return np.asarray(np.sqrt(constant + (u**2).sum(axis=1)[:, None] * growing))
+
     def predicted(self, frames: Frames) -> Array:
         """Wrench of frames in time order, (t, 6); each recording starts from rest."""
         elastic = self.corrected(self.elastic(frames), frames.degrees)
