@@ -28,6 +28,7 @@ from ruffini.device import ports
 from ruffini.estimators.material import model as material
 
 COSTS = "module_seconds.json"
+LONG_S = 1e3  # what a module of end-to-end tests is taken for before it ever ran: first
 SYSTEMS_BYTES = 500_000_000  # kept by a worker
 _seconds: dict[str, float] = defaultdict(float)
 _processor_s: list[float] = []  # of each worker with the processes that it started; a busy computer changes it little
@@ -81,7 +82,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             chances.shuffle(tests)
     else:
         known = getattr(config, "workerinput", {}).get("module_seconds", _known())
-        names.sort(key=lambda name: (-known.get(name, len(modules[name])), name))
+        guessed = {
+            name: LONG_S if tests[0].path.parent.name == "e2e" else len(tests) for name, tests in modules.items()
+        }
+        names.sort(key=lambda name: (-known.get(name, guessed[name]), name))
     items[:] = [item for name in names for item in modules[name]]
 
 
