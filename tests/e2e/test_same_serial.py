@@ -180,7 +180,7 @@ def test_started_again_it_is_known_by_its_socket(sensor: Sensor, plug: Plug, tmp
         stack.enter_context(start(sensor, tmp_path / "a", "--loop", serial=SERIAL, link=f"pty:{link}"))
         again = os.path.realpath(link)
         plug(**{again: "1-1", other.port: "1-2"})
-        for _ in host.stream(timeout_s=HANG_S, resume_s=20, on_gap=gaps.append):
+        for _ in host.stream(timeout_s=HANG_S, resume_s=HANG_S, on_gap=gaps.append):
             if gaps:
                 break
         assert host.port == again
