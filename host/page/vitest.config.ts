@@ -8,5 +8,12 @@ export default defineConfig({
   server: { fs: { allow: [root] } },
   // No test is about time: a busy computer fails none. All files share one context, which takes half the time: each
   // restores the timers and globals that it replaces.
-  test: { globals: true, testTimeout: 120_000, include: ["tests/page/**/*.test.ts"], cache: false, isolate: false, pool: "threads" },
+  test: {
+    globals: true,
+    testTimeout: 120_000,
+    include: ["tests/page/**/*.test.ts"],
+    cache: false,
+    isolate: false,
+    pool: "threads",
+  },
 });
